@@ -38,9 +38,10 @@ def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    from .speed.raster import benchmark, compare_decoding, measure_memory, measure_thread_ceiling
+    from .speed.raster import Cases, benchmark, compare_decoding, measure_memory, measure_thread_ceiling
 
-    report = benchmark(tuple(args.counts), threads=tuple(args.threads), repeats=args.repeats, progress=progress)
+    cases = Cases(tuple(args.counts), threads=tuple(args.threads))
+    report = benchmark(cases, repeats=args.repeats, progress=progress)
     progress("bench raster", 0, 0, "latent, memory and threads")
     decoding, memory = compare_decoding(repeats=args.repeats), measure_memory()
     report |= {"decoding": decoding, "memory_mb": memory, "thread_ceiling": measure_thread_ceiling()}
@@ -131,7 +132,7 @@ REACH = {
     for figure, wanted in (("iou", ">= 0.85"), ("leakage", "< 0.02"))
     for kind in ("original", "novel")
 }
-"""What the figures of `bench features`, `bench edit` and `bench scale` should reach, beside them in the table."""
+"""Goals of the figures of `bench features`, `bench edit` and `bench scale`, for the table."""
 MEANING = {
     "gaussians": "Gaussians of the scene",
     "open_s": "seconds to open the file",
@@ -153,7 +154,7 @@ MEANING = {
     "*_original": "seen by the clip's own cameras",
     "*_novel": "seen by cameras that the fit never saw",
 }
-"""What figures of `bench edit` mean, by patterns of their names."""
+"""Meanings of the figures of `bench edit`, by patterns of their names."""
 
 
 def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Which clips constants are chosen on, and which only judge: no constant is chosen on the judging half.
+"""Halves of the clips: constants are chosen on one and judged on the other.
 
 Each half of the rendered clips has a room and a walker, short and long camera paths, and slow and fast motion.
 """
@@ -55,7 +55,7 @@ RENDERED = Halves(
         "grid-long-fast",
     ),
 )
-"""What `scripts/synthetic_clip.py` renders."""
+"""Clips that `scripts/synthetic_clip.py` renders."""
 PEOPLE = Halves(
     choosing=("people-walk", "people-cross", "people-turn"),
     judging=("people-jump", "people-hidden", "people-far"),

@@ -1,4 +1,4 @@
-"""Which machine the figures come from."""
+"""Description of the machine that figures come from."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from .study import SECTIONS, read_json, write_json
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "results.md"
 DOCUMENTS = (ROOT / "README.md", *sorted(page for page in PAGE.parent.glob("*.md") if page != PAGE))
-"""Whose figures are filled in."""
+"""Documents whose figures are filled in."""
 FIGURE = re.compile(r'\[[^\[\]]*\]\((?P<target>[^\s)]*results\.md#(?P<study>[a-z0-9-]+)) "(?P<address>[^"]*)"\)')
 RESULTS = Path(__file__).resolve().parent / "results"
 HEAD = """# Measured results

@@ -1,4 +1,4 @@
-"""What a study of the report is: a question, the function that measures, and what it found as plain data."""
+"""A study of the report: a question, the function that measures, and its findings as plain data."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Table:
     """Of the CSV file too: short, with hyphens."""
     rows: list[Row]
     title: str = ""
-    """What the rows are."""
+    """Title of the table."""
     timed: tuple[str, ...] = ()
     """Columns that hold times, or what follows from them: the only ones that differ from run to run."""
     note: str = ""
-    """What a reader must know to read it: settings, whose figures, what bounds them."""
+    """Remarks needed to read it: settings, source of the figures, their limits."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Figure:
     high: str = ""
     """Columns with the ends of error bars: of `x` where their name starts with its, else of `y`."""
     log: str = "xy"
-    """Which axes are logarithmic."""
+    """Logarithmic axes."""
     where: Row = field(default_factory=dict)
     """Only rows that have these values in these columns."""
     front: bool = False
@@ -82,9 +82,9 @@ class Findings:
     words: list[str] = field(default_factory=list)
     """Sentences for the page, made from the rows: what was reached, what wasn't and why."""
     skipped: list[str] = field(default_factory=list)
-    """What was not measured, each with the reason."""
+    """Things not measured, each with the reason."""
     failed: list[str] = field(default_factory=list)
-    """What did not hold; any entry makes `f4x report` exit with 1."""
+    """Statements that did not hold; any entry makes `f4x report` exit with 1."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Study:
     section: str
     title: str
     question: str
-    """What the reader learns, in one sentence."""
+    """Question that the study answers, in one sentence."""
     measure: str
     """`.module:function` of this room, called with a Context; imported when it is run."""
     seed_tables: tuple[str, ...] = ()
@@ -127,7 +127,7 @@ class Context:
     seed: int = 0
     progress: Progress = silent
     taken: list[Row] = field(default_factory=list)
-    """Where the steps come from that an earlier run measured: `source`, `machine`, `seconds` of each."""
+    """Origin of the steps that an earlier run measured: `source`, `machine`, `seconds` of each."""
 
     @property
     def repeats(self) -> int:
@@ -139,7 +139,7 @@ class Context:
         return quick if self.quick else full
 
     def step(self, name: str, work: Callable[[], Any], **settings: Any) -> Any:
-        """What `work` returned (JSON data), now or in an earlier run with the same settings.
+        """Return the result of `work` (JSON data), of now or of an earlier run with the same settings.
 
         A report that was stopped goes on after its last step, so a step is as long as one likes to lose. Which code and
         machine measured it, and for how long, is kept with it.

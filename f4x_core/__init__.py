@@ -75,5 +75,5 @@ else:  # hidden from type checkers, for which it would make every name an attrib
         return getattr(import_module(_MODULES[name], __name__), name)
 
     def __dir__() -> list[str]:
-        """Names loaded so far and names that load on first use."""
+        """Return the names loaded so far and names that load on first use."""
         return sorted({*globals(), *__all__})

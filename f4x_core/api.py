@@ -1,4 +1,4 @@
-"""What a program does with a scene: draw it, select in it, ask it, edit it. Needs numpy alone; offered by `import f4x_core`.
+"""Functions of `import f4x_core`: draw a scene, select in it, ask it, edit it. Needs numpy alone.
 
 Every function sees the scene with its edits, those that `read_scene` found in the file included. Nothing is sent anywhere:
 words are read by the grammar and questions are answered by computing, on this machine.
@@ -51,7 +51,8 @@ def render(
     """
     require_time(scene, time, f"time T = {time:g}")
     camera = scene.cameras.at(time) if camera is None else camera
-    return view.render(edited(scene), camera, time, ("rgb",), backend, background)["rgb"]
+    images = view.render(edited(scene), camera, time, ("rgb", "alpha"), backend)
+    return view.over_background(images, background)
 
 
 def select(

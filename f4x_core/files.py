@@ -74,7 +74,7 @@ def replace_path(path: Path | str, suffix: str = UNFINISHED) -> Iterator[Path]:
 
 
 def link_target(path: Path | str) -> Path:
-    """The place that `path` leads to through all symbolic links, `path` itself if it is no link. F4xError for a loop of links."""
+    """Return the place that `path` leads to through symbolic links; `path` itself if it is none. F4xError for a loop of links."""
     path = Path(path)
     if not path.is_symlink():
         return path
@@ -85,12 +85,17 @@ def link_target(path: Path | str) -> Path:
 
 
 def same_file(one: Path, other: Path) -> bool:
-    """True where two paths lead to one existing file, by links or by other names of its folder."""
+    """Return True where two paths lead to one existing file, by links or by other names of its folder."""
     return one.exists() and other.exists() and one.samefile(other)
 
 
+def in_place(path: Path, output: Path | None) -> tuple[Path, Path | None]:
+    """Return the file to change and the other file to write; where both are one, it is changed under the name of `output`."""
+    return (output, None) if output is not None and same_file(output, path) else (path, output)
+
+
 def user_path(path: Path | str) -> Path:
-    """`path` with a leading `~` or `~user` replaced by that home folder, unless a file has that name or there is no such user."""
+    """Return `path` with a leading `~` or `~user` replaced by that home folder, unless a file has that name or no user."""
     path = Path(path)
     if os.path.exists(path):
         return path
@@ -101,7 +106,7 @@ def user_path(path: Path | str) -> Path:
 
 
 def neighbour(path: Path, end: str) -> Path:
-    """The hidden file `.NAME.end` beside `path`, its name cut to what file systems allow."""
+    """Return the hidden file `.NAME.end` beside `path`, its name cut to what file systems allow."""
     name = path.name.encode("utf-8", "surrogateescape")[:MAX_NAME_BYTES].decode("utf-8", "ignore")
     return path.with_name(f".{name}.{end}")
 
@@ -149,7 +154,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
 
 def _locked(path: Path) -> int | None:
-    """A descriptor that holds the lock of `path`; None if another one does."""
+    """Return a descriptor that holds the lock of `path`; None if another one does."""
     try:
         descriptor = _opened_lock(path)
     except OSError as error:
@@ -224,7 +229,7 @@ def _flush_folder(folder: Path) -> None:
 
 
 def json_text(data: Any, indent: int | None = None) -> str:
-    """`data` as standard JSON text, see `json_data`; NaN and infinity become null."""
+    """Return `data` as standard JSON text, see `json_data`; NaN and infinity become null."""
     return json.dumps(json_data(data), indent=indent, allow_nan=False)
 
 
@@ -233,7 +238,7 @@ def json_data(
     non_finite: Callable[[float], Any] = lambda value: None,
     unknown: Callable[[Any], Any] = lambda value: value,
 ) -> Any:
-    """Nested data as plain JSON types: dicts with string keys, lists, strings, numbers, booleans and None.
+    """Return nested data as plain JSON types: dicts with string keys, lists, strings, numbers, booleans and None.
 
     Arrays and numbers of numpy become lists and numbers of Python.
 

@@ -28,12 +28,12 @@ STEPS = 4
 
 
 def interpreter_in(folder: Path) -> Path:
-    """The Python of the environment in `folder`."""
+    """Return the Python of the environment in `folder`."""
     return folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 
 
 def requirements() -> list[str]:
-    """What pip installs for the core: the dependencies and EXTRAS of pyproject.toml."""
+    """Return the requirements of the core for pip: the dependencies and EXTRAS of pyproject.toml."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     optional = project["optional-dependencies"]
     return [*project["dependencies"], *(entry for name in EXTRAS for entry in optional[name])]
@@ -88,7 +88,7 @@ def _run(command: list[str], tell) -> None:
 
 
 def _short(line: str) -> str:
-    """A line of pip without addresses and file paths."""
+    """Return a line of pip without addresses and file paths."""
     return re.sub(r"\s*\(?(from|in) (http|file:|/|\w:\\).*", "", line)
 
 

@@ -50,7 +50,7 @@ figcaption { font-size: .8em; opacity: .75; } pre { overflow: auto; font-size: .
 
 
 def document(title: str, body: Sequence[str]) -> bytes:
-    """The whole file: `title` (escaped here) and the HTML of its parts."""
+    """Return the whole file: `title` (escaped here) and the HTML of its parts."""
     name = html.escape(title)
     lines = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
@@ -63,12 +63,12 @@ def document(title: str, body: Sequence[str]) -> bytes:
 
 
 def section(title: str, content: str) -> str:
-    """A titled part of the page, or nothing where there is no content."""
+    """Return a titled part of the page, or nothing where there is no content."""
     return f"<section><h2>{html.escape(title)}</h2>{content}</section>\n" if content else ""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = False) -> str:
-    """A table of escaped cells; with `numbers`, columns that hold nothing but numbers are set right, the first never."""
+    """Return a table of escaped cells; with `numbers`, columns that hold nothing but numbers are set right, the first never."""
     rows = list(rows)
     columns = list(zip(*rows, strict=True))[1:] if numbers else []
     right = {place for place, column in enumerate(columns, start=1) if all(map(NUMBER.match, column))}
@@ -82,7 +82,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = Fa
 
 
 def image_figure(pixels: np.ndarray, caption: str) -> str:
-    """A figure with a JPEG inside; `pixels` (H,W,3) uint8 or float in [0,1]."""
+    """Return a figure with a JPEG inside; `pixels` (H,W,3) uint8 or float in [0,1]."""
     image = Image.fromarray(as_bytes(pixels))
     if image.width > PICTURE_WIDTH:
         image = image.resize(
@@ -96,24 +96,24 @@ def image_figure(pixels: np.ndarray, caption: str) -> str:
 
 
 def row(figures: Iterable[str], four: bool = False) -> str:
-    """Figures side by side, three to a line of a wide window or `four`."""
+    """Return the figures side by side, three to a line of a wide window or `four`."""
     content = "".join(figures)
     return f'<div class="row{" four" if four else ""}">{content}</div>' if content else ""
 
 
 def as_bytes(pixels: np.ndarray) -> np.ndarray:
-    """Colours as uint8; floats are in [0,1]."""
+    """Return the colours as uint8; floats are in [0,1]."""
     return pixels if pixels.dtype == np.uint8 else (np.clip(pixels, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def plots(drawings: Iterable[str]) -> str:
-    """Plots side by side, without the empty ones."""
+    """Return the plots side by side, without the empty ones."""
     content = "".join(f"<div>{drawing}</div>" for drawing in drawings if drawing)
     return f'<div class="row plots">{content}</div>' if content else ""
 
 
 def plot(title: str, across: str, up: str, columns: int = 1, height: float = 2.7) -> tuple[Figure, list[Axes]]:
-    """A figure in the page's text colour; every axes object is labelled alike."""
+    """Return a figure in the page's text colour; every axes object is labelled alike."""
     figure = Figure(figsize=(5.2, height), layout="constrained")
     axes = [figure.add_subplot(1, columns, column + 1) for column in range(columns)]
     for axis in axes:
@@ -146,7 +146,7 @@ def legend(axis: Axes) -> None:
 
 
 def svg(figure: Figure) -> str:
-    """The figure as inline SVG whose text follows the page's colour."""
+    """Return the figure as inline SVG whose text follows the page's colour."""
     buffer = io.StringIO()
     figure.patch.set_alpha(0)
     with matplotlib.rc_context({"svg.fonttype": "none", "font.family": "sans-serif"}):

@@ -21,14 +21,14 @@ _threads: ContextVar[int] = ContextVar("threads", default=1)
 
 
 def thread_count() -> int:
-    """Threads that `in_threads` works with here."""
+    """Return the threads that `in_threads` works with here."""
     return _threads.get()
 
 
 def in_threads(
     function: Callable[[Item], Result], items: Iterable[Item], report: Callable[[int], None] | None = None
 ) -> list[Result]:
-    """`[function(item) for item in items]` by as many threads as `side_by_side` was given; results do not depend on them.
+    """Return `[function(item) for item in items]` by as many threads as `side_by_side` was given; results do not depend on them.
 
     `report` gets in the calling thread how many pieces are done. What it or a piece raises ends the work: pieces that
     are not begun are dropped, then it is raised here.

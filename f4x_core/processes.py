@@ -141,7 +141,7 @@ def start_child(
 
 @dataclass(frozen=True)
 class Ended:
-    """How a child of `run_child` ended."""
+    """End of a child of `run_child`."""
 
     code: int
     """Exit code; negative: the signal that ended it."""
@@ -155,7 +155,7 @@ class Ended:
     """Most bytes that it held at once; 0 where the system does not tell."""
 
     def result(self) -> dict[str, Any]:
-        """The child's result.
+        """Return the child's result.
 
         Raises:
             F4xError: its own sentence, or how it ended without one.
@@ -252,7 +252,7 @@ def run_verb(arguments: Sequence[str], folder: Path, progress: Progress = silent
 
 
 def _json_line(line: str) -> dict[str, Any]:
-    """The object on a line; empty for whatever else a library may print."""
+    """Return the object on a line; empty for whatever else a library may print."""
     try:
         message = json.loads(line)
     except ValueError:

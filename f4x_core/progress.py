@@ -1,4 +1,4 @@
-"""How long work tells what it is doing; the terminal, JSON lines and Blender attach here."""
+"""Progress of long work; the terminal, JSON lines and Blender attach here."""
 
 from typing import Protocol
 

@@ -212,13 +212,13 @@ def undamaged(path: Path, advice: str) -> Iterator[None]:
 
 
 def reason(error: BaseException) -> str:
-    """The text of an error of a library in one line, or its kind where it has none."""
+    """Return the text of an error of a library in one line, or its kind where it has none."""
     text = " ".join(str(error).split())[:200]
     return "".join(letter if letter.isprintable() else "?" for letter in text) or type(error).__name__
 
 
 def quoted(value: object) -> str:
-    """A value that a file holds as it stands in a message: one line of printable letters, cut after `MAX_QUOTED`."""
+    """Return a value that a file holds as it stands in a message: one line of printable letters, cut after `MAX_QUOTED`."""
     text = str(value)
     text = text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 1] + "…"
     return "".join(letter if letter.isprintable() else "?" for letter in text)

@@ -23,9 +23,9 @@ class Trouble:
     code: str
     """Stands in brackets behind the sentence; never given to another family."""
     cause: str
-    """What is wrong, whichever sentence it is."""
+    """Fault that all sentences of the family have in common."""
     cure: str
-    """What helps most often; the sentence says it for the case at hand."""
+    """Remedy that helps most often; the sentence says it for the case at hand."""
     modules: tuple[str, ...] = ()
     """Modules and packages that raise it, as dotted names below the repository; the longest that fits a module wins."""
 
@@ -255,18 +255,18 @@ _BY_CODE = {trouble.code: trouble for trouble in TROUBLES}
 _BY_MODULE = {module: trouble.code for trouble in TROUBLES for module in trouble.modules}
 _HAS_CODE = re.compile(r"\[F4X-[A-Z]+\]")
 STOPS = (".", "?", "!", '."', '?"', '!"', ".)", "…")
-"""How a sentence ends that has ended."""
+"""Ends of complete sentences."""
 EXPECTED = (F4xError, OSError, MemoryError)
-"""What an input or a machine can cause; people see one sentence of it. Any other exception is a mistake of the program."""
+"""Errors that an input or a machine can cause; people see one sentence. Any other exception is a mistake of the program."""
 CURES = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room there or choose another place"),
     **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "choose another place, or change who may write there"),
 }
-"""What helps against an error of the disk, by its number."""
+"""Remedies for errors of the disk, by their number."""
 
 
 def code_of_module(name: str) -> str:
-    """Code of what a module raises; `name` may have Blender's prefix of an extension before it."""
+    """Return the code of what a module raises; `name` may have Blender's prefix of an extension before it."""
     parts = name.split(".")
     tops = [index for index, part in enumerate(parts) if part in TOPS]
     parts = parts[tops[-1] :] if tops else []
@@ -275,7 +275,7 @@ def code_of_module(name: str) -> str:
 
 
 def code_of(error: BaseException) -> str:
-    """Code of an exception that was raised: of the first F4xError in its chain, by the innermost module with a family."""
+    """Return the code of a raised exception: of the first F4xError in its chain, by the innermost module with a family."""
     while isinstance(error.__cause__, F4xError):
         error = error.__cause__
     if isinstance(error, MemoryError):
@@ -290,13 +290,13 @@ def code_of(error: BaseException) -> str:
 
 
 def _module_of(frame: FrameType) -> str:
-    """The dotted name of the module that runs in `frame`; a script has that of its folder before its own."""
+    """Return the dotted name of the module that runs in `frame`; a script has that of its folder before its own."""
     name, file = str(frame.f_globals.get("__name__")), Path(frame.f_code.co_filename)
     return name if "." in name else f"{file.parent.name}.{file.stem}"
 
 
 def sentence_of(error: BaseException, place: object = "the disk") -> str:
-    """What an expected error says to people; `place` is where the disk failed if the error does not name it."""
+    """Return the sentence of an expected error for people; `place` is where the disk failed if the error does not name it."""
     if isinstance(error, FileNotFoundError):
         return f"{error.filename or place}: there is no such file or folder; check the path."
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
@@ -311,12 +311,12 @@ def sentence_of(error: BaseException, place: object = "the disk") -> str:
 
 
 def with_code(error: BaseException, place: object = "the disk") -> str:
-    """The sentence of an expected error with the code behind it, unless another process put one there."""
+    """Return the sentence of an expected error with the code behind it, unless another process put one there."""
     return coded(sentence_of(error, place), code_of(error))
 
 
 def coded(sentence: str, code: str) -> str:
-    """The sentence, ended by a full stop, with the code behind it, unless it has one."""
+    """Return the sentence, ended by a full stop, with the code behind it, unless it has one."""
     if _HAS_CODE.search(sentence):
         return sentence
     return f"{sentence}{'' if sentence.endswith(STOPS) else '.'} [{code}]"

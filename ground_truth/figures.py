@@ -90,8 +90,6 @@ STANDS_FOR = {
 
 CLOTHES = ("c68863", "2b1d14", "7d3b3b", "2e3d5c", "4a3524")
 """Skin, hair, shirt, trousers, shoes."""
-EYE = (0.06, -0.13, 1.36)
-"""Of the right and left side of Cesium man at rest."""
 
 
 @dataclass(frozen=True)

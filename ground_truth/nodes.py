@@ -1,4 +1,4 @@
-"""What every rendered scene is made of in Blender: shader nodes with short words, light, keys."""
+"""Parts of every rendered scene in Blender: shader nodes with short words, light, keys."""
 
 import bpy
 import numpy as np

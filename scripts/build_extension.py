@@ -48,7 +48,7 @@ def builder() -> Path:
 
 
 def blender_platform(target: str) -> str:
-    """What Blender's manifests call a platform of `native.build.TARGETS`."""
+    """Return the name of a platform of `native.build.TARGETS` in Blender's manifests."""
     return target.replace("x86_64", "x64")
 
 

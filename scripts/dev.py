@@ -183,7 +183,7 @@ def release(arguments: list[str]) -> int:
 
 
 def mutants(rooms: list[str]) -> int:
-    """Which wrong formulas of some rooms no test notices."""
+    """List the wrong formulas of some rooms that no test notices; returns the exit code."""
     code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", MUTMUT])
     return code or run(["-m", "benchmarks.studies.mutations", *rooms])
 

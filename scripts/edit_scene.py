@@ -7,7 +7,6 @@ The edits and the file are those of `f4x edit`; without -o they go into the scen
 """
 
 import argparse
-import importlib.util
 import sys
 from pathlib import Path
 from typing import Any
@@ -32,47 +31,27 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def main(arguments: list[str]) -> dict[str, Any]:
-    """Resolve, append, write; then import what was written."""
+    """Append the edits, write the scene, then import what was written."""
     options = parse(arguments)
-    from feature4x.f4x_core.scene import updating
-
-    with updating(options.scene):  # what another writes between reading and writing would be lost
-        return edit(options)
-
-
-def edit(options: argparse.Namespace) -> dict[str, Any]:
-    """Read the scene, append the edits, write it and import what was written."""
-    from feature4x.f4x_core.edit.apply import base_of, open_scene, with_operations
+    from feature4x.f4x_core.app.editing import EditRequest, edit_file
     from feature4x.f4x_core.edit.json_files import read_operations
-    from feature4x.f4x_core.edit.plan import preview, propose
-    from feature4x.f4x_core.edit.resolve import EditorState, resolve
-    from feature4x.f4x_core.edit.stack import of, write_stack
-    from feature4x.f4x_core.query.labels import encode_labels
-    from feature4x.f4x_core.scene import write_scene
+    from feature4x.f4x_core.edit.resolve import EditorState
 
-    scene, context = open_scene(options.scene), EditorState(frame=options.frame)
-    before = len(scene.edits)
-    encode = encode_labels if importlib.util.find_spec("torch") else None
-    if options.say is not None:
-        scene = preview(scene, propose(scene, options.say, context, encode=encode).chosen)
-    else:
-        for operation in read_operations(options.ops):
-            scene = with_operations(scene, resolve(scene, operation, context, encode))
+    operations = () if options.ops is None else tuple(read_operations(options.ops))
+    source = "" if options.ops is None else str(options.ops)
+    request = EditRequest(options.say or "", operations, source, EditorState(frame=options.frame))
+    if options.output is not None:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+    edited = edit_file(options.scene, request, options.output)
     target = options.output or options.scene
-    if options.output is None:
-        write_stack(target, of(scene))
-    else:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_scene(base_of(scene), target)
     if options.blend is not None:
         door.import_empty(target)
         door.save_blend(options.blend, target.stat().st_size)
-    chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(scene, "steps", ())}
-    new = of(scene).edits[before:]
+    chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(edited.after, "steps", ())}
     return {
         "output": str(target),
-        "edits": [edit.to_json() for edit in new],
-        "gaussians": [chosen.get(edit.id, 0) for edit in new],
+        "edits": [edit.to_json() for edit in edited.new],
+        "gaussians": [chosen.get(edit.id, 0) for edit in edited.new],
         "blend": options.blend and str(options.blend),
     }
 

@@ -225,7 +225,7 @@ def macos(everything: bool) -> int:
 
 
 def output_of(*command: object) -> str:
-    """What a program prints; UnavailableError if it fails."""
+    """Return the output of a program; UnavailableError if it fails."""
     done = subprocess.run([*map(str, command)], capture_output=True, text=True)
     if done.returncode:
         raise UnavailableError(f"{command[0]} failed ({done.stderr.strip() or done.returncode})")
@@ -233,7 +233,7 @@ def output_of(*command: object) -> str:
 
 
 def faults_of_macho(symbols: str, headers: str, used: str, name: str) -> list[str]:
-    """What is wrong with a library, in words: exports, oldest system, needed libraries, its own name."""
+    """Return the faults of a library, in words: exports, oldest system, needed libraries, its own name."""
     wanted = {export for source in SOURCES for export in EXPORT.findall(source.read_text(encoding="utf-8"))}
     exported = set(re.findall(r"^_(f4x_\w+)$", symbols, re.MULTILINE))
     oldest = re.search(r"^\s*minos (\S+)$", headers, re.MULTILINE)
@@ -247,7 +247,7 @@ def faults_of_macho(symbols: str, headers: str, used: str, name: str) -> list[st
 
 
 def signed_pages(data: bytes, headers: str) -> int | None:
-    """How many pages the signature of a Mach-O file covers, all of whose hashes are right; None where it has no such signature."""
+    """Return the number of pages that a Mach-O file's signature covers if all hashes are right; None without such a signature."""
     place = re.search(r"LC_CODE_SIGNATURE\s+cmdsize \d+\s+dataoff (\d+)", headers)
     if place is None:
         return None

@@ -24,7 +24,7 @@ from .release import SUMS, write_sums
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "build" / "examples"
-"""Where a release looks for them."""
+"""Folder in which a release looks for them."""
 QUALITY = 85
 """Of the JPEG pictures."""
 

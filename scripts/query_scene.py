@@ -5,7 +5,6 @@ blender -b --factory-startup --python-exit-code 1 -P scripts/query_scene.py -- S
 """
 
 import argparse
-import importlib.util
 import json
 import sys
 from pathlib import Path
@@ -42,25 +41,21 @@ def main(arguments: list[str]) -> dict[str, Any]:
     root = door.import_empty(options.scene)
     from feature4x.addon.edits import marking
     from feature4x.addon.scene.scene_object import SELECTED, SceneObject
-    from feature4x.f4x_core.edit.naming import by_words, together
+    from feature4x.f4x_core.app.selecting import Wanted, select
     from feature4x.f4x_core.files import replace_file
-    from feature4x.f4x_core.query import prompts
-    from feature4x.f4x_core.query.labels import encode_labels, words_of
+    from feature4x.f4x_core.query.labels import words_of
+    from feature4x.f4x_core.query.marks import Box, Point
 
     scene_object = SceneObject(root)
-    scene, threshold = scene_object.edited, options.threshold
-    missing: list[str] = []
+    negatives = None if options.negatives is None else tuple(words_of(options.negatives))
     if options.text is not None:
-        negatives = None if options.negatives is None else words_of(options.negatives)
-        # words that the scene does not know need a text encoder, which Blender's own Python has not
-        encode = encode_labels if importlib.util.find_spec("torch") else None
-        by_word = by_words(scene, words_of(options.text), negatives, threshold, encode=encode)
-        missing = [word for word, each in by_word.items() if not each.chosen.any()]
-        found = together(by_word)
-    elif options.point is not None:
-        found = prompts.select_by_points(scene, [options.point], options.frame, threshold=threshold)
+        wanted = Wanted(tuple(words_of(options.text)), negatives, threshold=options.threshold)
     else:
-        found = prompts.select_by_box(scene, options.box, options.frame, threshold=threshold)
+        point, box = options.point, options.box
+        mark = Point(options.frame, True, point) if box is None else Box(options.frame, True, box)
+        wanted = Wanted(marks=(mark,), threshold=options.threshold)
+    done = select(scene_object.edited, wanted)
+    found = done.selection
     marking.ask(scene_object, found)
     if options.selection is not None:
         with replace_file(options.selection) as file:
@@ -70,7 +65,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
     return {
         "label": found.label,
         "chosen": int(found.chosen.sum()),
-        "missing": missing,
+        "missing": [word for word, each in done.by_word.items() if not each.chosen.any()],
         "points": int(scene_object.read(SELECTED).sum()),
         "gaussians": len(found.ids),
         "threshold": found.threshold,

@@ -130,7 +130,7 @@ def clean_profile(root: Path) -> Iterator[Profile]:
 
 
 def version(root: Path) -> str | None:
-    """What the Blender in `root` says of itself, such as "Blender 5.2.2 LTS"; None where none runs."""
+    """Return the version line of the Blender in `root`, such as "Blender 5.2.2 LTS"; None where none runs."""
     programs = ("blender", "Xvfb", "xdotool")
     if not all((root / "usr/bin" / name).exists() for name in programs):
         return None

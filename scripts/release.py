@@ -42,7 +42,7 @@ class Release:
     tree: Path
     """The files of the commit, and what is built of them."""
     output: Path
-    """Where its files go."""
+    """Folder for its files."""
     epoch: str
     """Seconds since 1970 of the commit."""
 
@@ -57,12 +57,12 @@ class Release:
 
 
 def git(*arguments: str) -> str:
-    """What git prints, without the line end."""
+    """Return the output of git, without the line end."""
     return subprocess.run(["git", *arguments], cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def section_of(changelog: str, version: str) -> str:
-    """What CHANGELOG.md tells of a version, without its heading.
+    """Return the section of a version in CHANGELOG.md, without its heading.
 
     Raises:
         ReleaseError: it has no such section, or an empty one.

@@ -174,14 +174,15 @@ def exercise_with_torch() -> None:
     from f4x_core.native.density import F4X_RECORD_PULLS, PULLS
     from f4x_core.native.kernels import Kernels
     from f4x_core.scaffold.adam import Adam
-    from f4x_core.scaffold.losses import ArapEdges, motion_loss
+    from f4x_core.scaffold.losses import ArapEdges, MotionTerms, motion_loss
     from f4x_core.scaffold.motion_native import MotionWeights
 
     for frames in (2, 7, 8, 9, 40):
         edges = ArapEdges.build(np.arange(12).reshape(4, 3) % 4, np.ones((4, 3), bool))
         xyz, quat = (torch.randn(frames, 4, axes, requires_grad=True) for axes in (3, 4))
         weights, times = MotionWeights(1, 1, 1, 1, 1, 1), torch.arange(frames)
-        motion_loss(xyz, quat, times, edges, {1: 0.3, 5: 0.3, 8: 0.4}, weights, Kernels(True)).backward()
+        terms = MotionTerms(edges, {1: 0.3, 5: 0.3, 8: 0.4}, weights, Kernels(True))
+        motion_loss(xyz, quat, times, terms).backward()
     for threads in (1, 4):
         for coefficients in (1, 4, 9, 16):
             for count in (1, 9, 3000):

@@ -193,7 +193,7 @@ class Bench:
 
 
 def registration() -> dict[str, Any]:
-    """What stays registered after the extension was disabled and enabled ten times."""
+    """Return the classes that stay registered after the extension was disabled and enabled ten times."""
     extension = door.load_extension()
     extension.unregister()
     before = registered()

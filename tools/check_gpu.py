@@ -108,7 +108,7 @@ def cases(clouds: list) -> dict[str, tuple]:
 
 
 def compare(clouds: list, surfaces: list, seen) -> dict[str, float]:
-    """How far the two pictures are apart, in steps of 8 bits, the largest channel of each pixel."""
+    """Return the differences of the two pictures, in steps of 8 bits, by the largest channel of each pixel."""
     from feature4x.addon.render import viewport_gpu
     from feature4x.f4x_core.scene import stage
 

@@ -28,13 +28,13 @@ from feature4x.addon.scene.scene_object import SceneObject  # noqa: E402
 
 INTERVAL = 0.3
 FRAME = 12
-"""What the pictures show."""
+"""Clip frame in the pictures."""
 ORBIT = 25.0
 """Degrees of the other camera's circle."""
 MONKEY, LAMP = (-0.02, 0.1, 1.1), (0.7, -0.6, 0.2)
 """Places of a mesh and a lamp, in the scene's axes."""
 RAISED = 0.12
-"""How far the node is pulled up."""
+"""Distance by which the node is pulled up."""
 CRATE = (-0.45, 0.19, 1.09), 0.16
 """Centre of the crate's front in the scene's axes, half its side."""
 
@@ -86,7 +86,7 @@ def maximise(view: View) -> None:
 
 
 def drop(view: View) -> None:
-    """What a dropped file asks."""
+    """Drop a scene file, which opens the dialog of the import."""
     view.call(bpy.ops.f4x.import_scene, "INVOKE_DEFAULT", filepath=str(view.home / "room.f4x"))
 
 

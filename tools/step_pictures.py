@@ -33,7 +33,7 @@ PANELS = ("Scene", "Select", "Edit", "Edits", "Motion", "Mesh", "Tasks")
 HEADER, PITCH = (40, 96), 28
 """Of the first panel: pixels from the sidebar's left side, and from the window's top; height of a closed panel."""
 PASSES = (808, 39)
-"""Where a picture's pass is chosen."""
+"""Pixel of the menu in which a picture's pass is chosen."""
 WIDE, QUALITY = 640, 74
 """Pixels across a picture of the page; of its JPEG."""
 

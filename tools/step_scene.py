@@ -78,7 +78,7 @@ def stripes(directions):
 
 
 def still() -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """What stands, and the number of its label per Gaussian."""
+    """Return the static Gaussians, and the number of each one's label."""
     x, y, z = np.subtract(CRATE, SIDE / 2)
     sides = (
         ((x, y, z), (SIDE, 0, 0), (0, SIDE, 0), (0, 0, -1)),

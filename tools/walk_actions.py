@@ -1,4 +1,4 @@
-"""What the random walk of `walk_blender.py` does: real operators and properties, as buttons, keys and scripts use them.
+"""Actions of the random walk of `walk_blender.py`: real operators and properties, as buttons, keys and scripts use them.
 
 An action gets the `Walk`, draws its choices from `walk.random` and does one thing that a person does. `@action(weight, ...)` notes
 how often it comes and what it may do to edits: "keeps" none, "grows" adds some at the end, "any".
@@ -61,7 +61,7 @@ class Action:
     run: Callable[[Walk], Any]
     weight: float
     edits: str
-    """What it may do to pending edits."""
+    """Its effect on pending edits: `keeps`, `grows` or `any`."""
     file: bool
     """True if it may change scene files."""
 

@@ -1,4 +1,4 @@
-"""What has to be so after every step of the random walk of `walk_blender.py`; `WrongError` says in a sentence what is not."""
+"""Checks after every step of the random walk of `walk_blender.py`; `WrongError` names in a sentence what is wrong."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def own_scenes() -> list[SceneObject]:
 
 
 def content() -> dict[str, dict[str, str]]:
-    """What the scenes of the file hold and a person would miss: edits, points, what is selected and hidden."""
+    """Return the parts of the file's scenes that a person would miss: edits, points, selected and hidden Gaussians."""
     found = {}
     for scene_object in own_scenes():
         points = {
@@ -223,5 +223,5 @@ class _Context:
 
 
 def _hash(values: np.ndarray | None) -> str:
-    """Where there are no values, none of them is true."""
+    """Return a hash of values; an empty string for none, as for values of which none is true."""
     return "" if values is None or not values.any() else hashlib.sha256(values.tobytes()).hexdigest()[:12]

@@ -33,7 +33,7 @@ def write_action(
 
 
 def sample(datablock: bpy.types.ID, frames: np.ndarray, paths: Sequence[str]) -> dict[str, np.ndarray]:
-    """Values (T,C) of vector properties at `frames (T,)` as keyed; what is not keyed stays as it is."""
+    """Return the values (T,C) of vector properties at `frames (T,)` as keyed; what is not keyed stays as it is."""
     curves, found = curves_of(datablock), {}
     for path in paths:
         values = np.tile(np.array(getattr(datablock, path), float), (len(frames), 1))

@@ -71,19 +71,19 @@ class SceneAxes:
         return cls(turn * scale, turn * (np.sign(np.linalg.det(turn)) or 1.0))
 
     def way_in_scene(self, way: Iterable[float]) -> Vector3:
-        """A way in Blender's world as one in the scene's axes and unit."""
+        """Return a way in Blender's world as one in the scene's axes and unit."""
         return _three(np.linalg.inv(self.to_world) @ np.array(tuple(way), float))
 
     def way_in_world(self, way: Iterable[float]) -> Vector3:
-        """A way in the scene as one in Blender's world."""
+        """Return a way in the scene as one in Blender's world."""
         return _three(self.to_world @ np.array(tuple(way), float))
 
     def turn_in_scene(self, turn: Iterable[float]) -> Vector3:
-        """Axis times angle of a turn in Blender's world as in the scene's axes."""
+        """Return the axis times angle of a turn in Blender's world as in the scene's axes."""
         return _three(self.turn.T @ np.array(tuple(turn), float))
 
     def turn_in_world(self, turn: Iterable[float]) -> Vector3:
-        """Axis times angle of a turn in the scene's axes as in Blender's world."""
+        """Return the axis times angle of a turn in the scene's axes as in Blender's world."""
         return _three(self.turn @ np.array(tuple(turn), float))
 
 
@@ -93,7 +93,7 @@ def _three(values: np.ndarray) -> Vector3:
 
 
 def eye(projection: np.ndarray, world_to_view: np.ndarray, width: int, height: int) -> Eye:
-    """The view of Blender's (4,4) matrices, clipping as in OpenGL, on a picture of `width` x `height` pixels."""
+    """Return the view of Blender's (4,4) matrices, clipping as in OpenGL, on a picture of `width` x `height` pixels."""
     p = np.asarray(projection, np.float64)
     world_to_camera = FLIP_YZ @ np.asarray(world_to_view, np.float64)
     half = np.array([width / 2, height / 2])
@@ -118,7 +118,7 @@ def camera_eye(
     height: int,
     stereo: Stereo | None = None,
 ) -> Eye:
-    """A camera of the scene, as evaluated, on a picture of this many pixels; F4xError for one that is no pinhole."""
+    """Return a camera of the scene, as evaluated, on a picture of this many pixels; F4xError for one that is no pinhole."""
     camera, render = camera.evaluated_get(depsgraph), scene.render
     if camera.type != "CAMERA" or camera.data.type == "PANO":
         raise F4xError(f"{camera.name} is not a perspective or orthographic camera; change its type or choose another.")
@@ -144,7 +144,7 @@ def _shift(projection: np.ndarray, data: bpy.types.Camera, shift_x: float, size:
 
 
 def camera_lens(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph, back: float) -> Lens | None:
-    """The lens of a camera with depth of field, sized as Cycles sizes it; None for one without. `back`: that of its `Eye`."""
+    """Return the lens of a camera with depth of field, sized as Cycles sizes it; None without. `back`: that of its `Eye`."""
     camera = camera.evaluated_get(depsgraph)
     data, dof = camera.data, camera.data.dof
     if not dof.use_dof:
@@ -173,7 +173,7 @@ def lens_from_intrinsics(matrices: np.ndarray, width: int, height: int, sensor_w
 
 
 def camera_path(scene: bpy.types.Scene, camera: bpy.types.Object, times: Iterable[int]) -> CameraPath:
-    """The animated perspective camera at Blender's frames `times` as an OpenCV CameraPath in Blender's world frame."""
+    """Return the animated perspective camera at Blender's frames `times` as an OpenCV CameraPath in Blender's world frame."""
     scale = scene.render.resolution_percentage / 100
     width, height = int(scene.render.resolution_x * scale), int(scene.render.resolution_y * scale)
     times = np.asarray(list(times))

@@ -24,7 +24,7 @@ FITTED_SCALE, FITTED_BASE = "f4x_fitted_scale", "f4x_fitted_base"
 
 
 def draws_splats() -> bool:
-    """True if this Blender has splats of its own (5.3)."""
+    """Return True if this Blender has splats of its own (5.3)."""
     return "type" in bpy.types.PointCloud.bl_rna.properties
 
 
@@ -39,7 +39,7 @@ def write_linear(cloud: bpy.types.PointCloud, fitted: Look, linear: Look) -> Non
 
 
 def read_look(cloud: bpy.types.PointCloud) -> Look | None:
-    """The fitted appearance of evaluated points, whatever modifiers did to them; None where they are no Gaussians."""
+    """Return the fitted appearance of evaluated points, whatever modifiers did to them; None where they are no Gaussians."""
     scales, base = (read_attribute(cloud, name) for name in ("scale", "radiance:base"))
     if scales is None or base is None:
         return None
@@ -85,11 +85,11 @@ def write_appearance(
 
 
 def _light_of(dc: np.ndarray) -> np.ndarray:
-    """(N,3) linear light of the colors that coefficients of degree 0 make; what materials read as `rgb`."""
+    """Return (N,3) linear light of the colors that coefficients of degree 0 make; what materials read as `rgb`."""
     return linear_from_srgb(np.clip(spherical_harmonics.rgb_from_dc(dc), 0.0, 1.0))
 
 
 def _kept(cloud: bpy.types.PointCloud, name: str, rows: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
-    """The values of an attribute of which only `rows` change; zeros where all do."""
+    """Return the values of an attribute of which only `rows` change; zeros where all do."""
     values = None if rows is None else read_attribute(cloud, name)
     return np.zeros(shape, np.float32) if values is None else values

@@ -31,7 +31,7 @@ def write_attribute(data: bpy.types.ID, name: str, kind: str, values: np.ndarray
 
 
 def read_attribute(data: bpy.types.ID, name: str) -> np.ndarray | None:
-    """Values of one POINT attribute, (N,) or (N,C); None if it is missing or of an unsupported type."""
+    """Return the values of one POINT attribute, (N,) or (N,C); None if it is missing or of an unsupported type."""
     attribute = data.attributes.get(name)
     if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _LAYOUT:
         return None
@@ -55,7 +55,7 @@ def new_point_cloud(name: str, count: int, collection: bpy.types.Collection) -> 
 
 
 def selected_in(layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
-    """The selected objects, whether or not there is a current window, which `bpy.context.selected_objects` needs."""
+    """Return the selected objects, whether or not there is a current window, which `bpy.context.selected_objects` needs."""
     layer.update()
     return [item for item in layer.objects if item is not None and item.select_get(view_layer=layer)]
 

@@ -45,7 +45,7 @@ _PANEL_WORDS = (
 
 
 def panel_words(sentence: str) -> str:
-    """The sentence with the panels' names for verbs and options of `f4x`; options that no panel has stay."""
+    """Return the sentence with the panels' names for verbs and options of `f4x`; options that no panel has stay."""
     for pattern, words in _PANEL_WORDS:
         sentence = re.sub(pattern, words, sentence)
     return sentence

@@ -103,7 +103,7 @@ def _remove_handles(scene_object: SceneObject) -> None:
 
 
 def is_drawn(scene_object: SceneObject) -> bool:
-    """True if lists and points show the preview of a scene, or its pending edits."""
+    """Return True if lists and points show the preview of a scene, or its pending edits."""
     holders = [scene_object.root, *(cloud.data for cloud in scene_object.clouds)]
     return {holder.get(DRAWN) for holder in holders} == {_hash(scene_object)}
 
@@ -141,7 +141,7 @@ def count(scene_object: SceneObject) -> None:
 
 
 def counts(scene_object: SceneObject) -> tuple[int, int]:
-    """The numbers of selected and existing Gaussians, whoever selected or deleted points since."""
+    """Return the numbers of selected and existing Gaussians, whoever selected or deleted points since."""
     selected = total = 0
     for cloud in scene_object.clouds:
         chosen, gone = (read_attribute(cloud.data, name) for name in (SELECTED, GONE))
@@ -152,7 +152,7 @@ def counts(scene_object: SceneObject) -> tuple[int, int]:
 
 
 def last_counts(scene_object: SceneObject) -> tuple[int, int]:
-    """`counts`, worked out only where Blender has seen a change since the last call: panels are drawn often."""
+    """Return `counts`, worked out only where Blender has seen a change since the last call: panels are drawn often."""
     uid = scene_object.root.session_uid
     if uid not in _counts:
         _counts[uid] = counts(scene_object)
@@ -160,7 +160,7 @@ def last_counts(scene_object: SceneObject) -> tuple[int, int]:
 
 
 def words_of(operation: Operation, axes: SceneAxes) -> str:
-    """An edit as its row shows it: with the numbers of its dialog, along Blender's axes where the scene is, and named colors."""
+    """Return an edit in the words of its row: numbers of its dialog, along Blender's axes where the scene is, and named colors."""
     words = describe_in(operation, axes.to_world, WORLD_AXES)
     return HEX.sub(lambda found: f"{everyday_name(from_hex(found[1]))} ({found[0]})", words)
 
@@ -229,7 +229,7 @@ class _Moment:
 
     @classmethod
     def of(cls, scene_object: SceneObject, display: Display, frame: float) -> _Moment:
-        """The scene with the edits of `display`."""
+        """Return the scene with the edits of `display`."""
         appearance = display.appearance(frame)
         scored = hasattr(scene_object.root, "f4x") and scene_object.state.show_score
         if scored:
@@ -383,7 +383,7 @@ def _add_visibility_modifier(clouds: list[bpy.types.Object]) -> None:
 
 
 def _visible_tree() -> bpy.types.GeometryNodeTree:
-    """A node tree that deletes hidden and removed points."""
+    """Return a node tree that deletes hidden and removed points."""
     tree = bpy.data.node_groups.new(VISIBLE, "GeometryNodeTree")
     for direction in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")

@@ -76,13 +76,13 @@ class Row:
 
     @classmethod
     def of(cls, group: bpy.types.PropertyGroup) -> Row | None:
-        """The picked edit of the scene that has the group; None where it is of another kind."""
+        """Return the picked edit of the scene that has the group; None where it is of another kind."""
         row = cls.picked(SceneObject(group.id_data))
         return row if row is not None and f"F4X_PG_{row.operation.TAG}" == type(group).__name__ else None
 
     @classmethod
     def picked(cls, scene_object: SceneObject) -> Row | None:
-        """The edit that is picked in the list; None where there is none."""
+        """Return the edit that is picked in the list; None where there is none."""
         state = scene_object.state
         if not 0 <= state.history_index < len(state.history):
             return None
@@ -98,7 +98,7 @@ def _stack(text: str) -> EditStack:
 
 
 def stack_of(scene_object: SceneObject) -> EditStack:
-    """The pending stack, read only where it has changed."""
+    """Return the pending stack, read only where it has changed."""
     return _stack(scene_object.root.get(EDITS, cache.NO_EDITS))
 
 
@@ -234,7 +234,7 @@ def _number(name: str) -> Shown:
 
 
 def _switch(name: str, title: str, put: Callable[[Row, bool], dict[str, Any]]) -> Shown:
-    """True if an optional field has a value."""
+    """Return True if an optional field has a value."""
     options = {"name": title, "default": False}
     return Shown(f"use_{name}", BoolProperty, options, lambda one, _: getattr(one, name) is not None, put)
 
@@ -303,14 +303,14 @@ def _rotation(name: str) -> Shown:
 
 
 def _optional(shown: Shown, new: Callable[[Row], Any]) -> list[Shown]:
-    """A field with a switch before it; `new`: its value when it is switched on."""
+    """Return a field with a switch before it; `new`: its value when it is switched on."""
     name = shown.name
     switch = _switch(name, f"{_title(name)}…", lambda row, on: {name: new(row) if on else None})
     return [switch, replace(shown, visible=lambda one: getattr(one, name) is not None)]
 
 
 def _span(optional: bool) -> list[Shown]:
-    """The first and last clip frame, with switches for always and for the end of the clip."""
+    """Return the first and last clip frame, with switches for always and for the end of the clip."""
 
     def now(row: Row) -> float:
         root = row.scene_object.root
@@ -353,7 +353,7 @@ def _span(optional: bool) -> list[Shown]:
 
 
 def _properties_of(name: str, hint: Any) -> list[Shown]:
-    """The properties of a field of an operation; none where it is of a kind that nobody edits."""
+    """Return the properties of a field of an operation; none where it is of a kind that nobody edits."""
     options = (
         [one for one in get_args(hint) if one is not NoneType] if get_origin(hint) in (Union, UnionType) else [hint]
     )
@@ -378,7 +378,7 @@ def _properties_of(name: str, hint: Any) -> list[Shown]:
 
 
 def _group(kind: type) -> type:
-    """The property group of a kind of operation."""
+    """Return the property group of a kind of operation."""
     annotations = {shown.name: shown.annotation for shown in SHOWN[kind.TAG]}
     body = {"__annotations__": annotations, "__doc__": f"Fields of an edit of the kind {kind.TAG}."}
     return type(f"F4X_PG_{kind.TAG}", (bpy.types.PropertyGroup,), body)

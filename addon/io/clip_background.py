@@ -18,7 +18,7 @@ FILMS = {".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v", ".mpg", ".mpeg", ".ogv
 
 
 def find_clip(scene: Scene, file: Path) -> Path | None:
-    """The clip that the scene was fitted to, at its stored path or beside the scene `file`; None if it is at neither."""
+    """Return the clip that the scene was fitted to, at its stored path or beside the scene `file`; None if it is at neither."""
     source = scene.provenance.get("source")
     if not isinstance(source, str) or not source:
         return None
@@ -27,7 +27,7 @@ def find_clip(scene: Scene, file: Path) -> Path | None:
 
 
 def frames_of(scene: Scene) -> range | None:
-    """The indices of the clip's frames that a scene was fitted to, from its provenance; None if unknown."""
+    """Return the indices of the clip's frames that a scene was fitted to, from its provenance; None if unknown."""
     span = scene.provenance.get("frames")
     if not isinstance(span, str) or not re.fullmatch(r"\d+:\d+:[1-9]\d*", span):
         return None
@@ -88,7 +88,7 @@ def show_clip(
 
 
 def shown_clip(root: bpy.types.Object) -> Path | None:
-    """The film, or the folder of pictures, behind a camera of `root`; None without one."""
+    """Return the film, or the folder of pictures, behind a camera of `root`; None without one."""
     for camera in (item for item in root.children if item.type == "CAMERA"):
         for image in (each.image for each in camera.data.background_images if each.image is not None):
             file = Path(bpy.path.abspath(image.filepath))
@@ -130,7 +130,7 @@ def _image(file: Path) -> bpy.types.Image:
 
 
 def _first_number(images: list[Path]) -> int:
-    """The number in the first file name. F4xError unless the numbers are consecutive, as Blender's image sequences need."""
+    """Return the number in the first file name. F4xError unless the numbers are consecutive, as Blender's image sequences need."""
     digits = [name[len(name.rstrip("0123456789")) :] for name in (image.stem for image in images)]
     if not all(digits) or [int(number) for number in digits] != list(
         range(int(digits[0]), int(digits[0]) + len(digits))

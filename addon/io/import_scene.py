@@ -19,7 +19,7 @@ frame into the object's); ours: `gid` (identity), `rgb` (linear display colour),
 scene has features `f4x_latent`, their three principal components from 0 to 1; where its colors change in time those of `tints`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,13 +103,7 @@ def import_scene(
     collection = bpy.data.collections.new(name)
     bpy.context.scene.collection.children.link(collection)
     try:
-        root = _add_object(name, None, collection)
-        root.matrix_world = Matrix(BLENDER_FROM_SCENE)
-        root.empty_display_size = TINY
-        root[SOURCE if kind == "sequence" else PATH] = str(path)
-        notes = () if kind == "scene" else notes_of(opened)
-        if notes:
-            root[NOTES] = "; ".join(notes)
+        root = _add_root(name, path, kind, opened, collection)
         material = None if draws_splats() else _splat_material(name)
         if isinstance(opened, SplatSequence):
             clouds = add_sequence(
@@ -136,25 +130,43 @@ def import_scene(
         if clip is not None:
             show_clip(camera, Path(clip), times, barred=isinstance(opened, Scene) and has_bars(opened))
         if kind != "sequence":
-            scene_object = SceneObject(root)
-            scene_object.attach()
-            for cloud in clouds:  # Blender 5 takes new points for selected
-                write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
-            mark_keyed(scene_object)
-            layer = layer_of(root)
-            if layer is not None:
-                layer.hide_viewport = True  # hundreds of empties would cover what moves; the sidebar shows them
-            if first.edits:
-                display.refresh(scene_object)
-            else:
-                display.show_linear(scene_object)
-                display.update_panel(scene_object)
+            _make_editable(root, clouds, first)
     except F4xError:
         _take_out(collection)
         raise
     if clip is None and kind == "scene":
         _show_own_clip(first, path, camera)
     return root
+
+
+def _add_root(
+    name: str, path: Path, kind: str, opened: Scene | SplatSequence, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    """Add the empty below which all of a scene lies; it knows the file at `path`, and what was guessed of it."""
+    root = _add_object(name, None, collection)
+    root.matrix_world = Matrix(BLENDER_FROM_SCENE)
+    root.empty_display_size = TINY
+    root[SOURCE if kind == "sequence" else PATH] = str(path)
+    if kind != "scene" and (notes := notes_of(opened)):
+        root[NOTES] = "; ".join(notes)
+    return root
+
+
+def _make_editable(root: bpy.types.Object, clouds: Sequence[bpy.types.Object], scene: Scene) -> None:
+    """Let panels and edits work on an imported `scene`, as its enabled edits leave it."""
+    scene_object = SceneObject(root)
+    scene_object.attach()
+    for cloud in clouds:  # Blender 5 takes new points for selected
+        write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
+    mark_keyed(scene_object)
+    layer = layer_of(root)
+    if layer is not None:
+        layer.hide_viewport = True  # hundreds of empties would cover moving objects; the sidebar shows them
+    if scene.edits:
+        display.refresh(scene_object)
+    else:
+        display.show_linear(scene_object)
+        display.update_panel(scene_object)
 
 
 def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
@@ -207,7 +219,7 @@ def _called(path: Path, clip: str) -> str:
 
 
 def _free_name(wanted: str) -> str:
-    """A short prefix that no object starts with yet, so the nodes' names sort in their own order."""
+    """Return a short prefix that no object starts with yet, so the nodes' names sort in their own order."""
     wanted = wanted.encode()[:MAX_NAME].decode(errors="ignore")
     name, number = wanted, 2
     while any(o.name.startswith(name) for o in bpy.data.objects):
@@ -232,7 +244,7 @@ class Extras:
 
 
 def extras_of(scene: Scene) -> tuple[Extras, Extras]:
-    """The optional values of the static and of the dynamic Gaussians of a scene."""
+    """Return the optional values of the static and of the dynamic Gaussians of a scene."""
     count, total, latent = len(scene.static), len(scene.static) + len(scene.dynamic), None
     if scene.features is not None and scene.features.pca is not None:
         latent = scene.features.pca.to_unit_range(scene.latents()[:total])  # copies of edits come after them
@@ -332,14 +344,14 @@ def follow_scale(camera: bpy.types.Object, root: bpy.types.Object) -> None:
 
 
 def _reach(scene: Scene) -> float:
-    """A distance beyond every Gaussian from every camera, world units."""
+    """Return a distance beyond every Gaussian from every camera, world units."""
     points = np.concatenate([scene.static.means, scene.dynamic.means])
     spread = np.ptp(np.concatenate([points, scene.cameras.centers]), axis=0)
     return max(MIN_REACH, 2 * float(np.linalg.norm(spread)))
 
 
 def _splat_material(name: str) -> bpy.types.Material:
-    """Emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither.
+    """Return the emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither.
 
     Blender 5.3 colors splats by their harmonics where they have no material, and would count the alpha twice with this one.
     """

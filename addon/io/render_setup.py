@@ -45,7 +45,7 @@ class ClipSettings:
 
     @classmethod
     def of(cls, opened: Scene | SplatSequence, foreign: bool) -> ClipSettings:
-        """The settings of a scene or sequence; a still has no rate and no frames, a `foreign` one no picture size either."""
+        """Return the settings of a scene or sequence; a still has no rate and no frames, a `foreign` one no picture size either."""
         cameras, moves = opened.cameras, len(opened.cameras) > 1
         return cls(
             size=None if foreign and not moves else (cameras.width, cameras.height),
@@ -57,7 +57,7 @@ class ClipSettings:
 
     @classmethod
     def read(cls, camera: bpy.types.Object) -> ClipSettings:
-        """The settings that `remember` stored with `camera`."""
+        """Return the settings that `remember` stored with `camera`."""
         values = json.loads(camera[CLIP])
         pairs = {name: values[name] and tuple(values[name]) for name in ("size", "frames")}
         return cls(pixel_aspect=values["pixel_aspect"], fps=values["fps"], **pairs)
@@ -68,12 +68,12 @@ class ClipSettings:
 
 
 def clip_camera(root: bpy.types.Object) -> bpy.types.Object | None:
-    """The camera that import made for `root`; None where it was deleted."""
+    """Return the camera that import made for `root`; None where it was deleted."""
     return next((item for item in root.children if item.type == "CAMERA" and CLIP in item), None)
 
 
 def is_under_way(target: bpy.types.Scene) -> bool:
-    """True if `target` is a project whose settings an import must not change."""
+    """Return True if `target` is a project whose settings an import must not change."""
     if bpy.data.is_saved or any(PATH in item or SOURCE in item for item in target.objects):
         return True
     before = target.get(SET_UP)
@@ -109,7 +109,7 @@ def set_up(target: bpy.types.Scene, camera: bpy.types.Object) -> None:
 
 
 def was_set_up(camera: bpy.types.Object) -> str:
-    """A sentence that names what `set_up` has changed."""
+    """Return a sentence that names what `set_up` has changed."""
     clip = ClipSettings.read(camera)
     size, frames = clip.size and _size_text(*clip.size), clip.frames and f"frames {_frames_text(*clip.frames)}"
     rate = clip.fps and f"{clip.fps:.6g} fps"
@@ -118,7 +118,7 @@ def was_set_up(camera: bpy.types.Object) -> str:
 
 
 def left_as_is(target: bpy.types.Scene, camera: bpy.types.Object) -> str:
-    """A sentence that names the settings of `target` that differ from the clip's of `camera`; nothing where none does."""
+    """Return a sentence that names the settings of `target` that differ from the clip's of `camera`; nothing where none does."""
     clip, render, left = ClipSettings.read(camera), target.render, []
     size, fps = (render.resolution_x, render.resolution_y), render.fps / render.fps_base
     frames, transform = (target.frame_start, target.frame_end), target.view_settings.view_transform
@@ -144,7 +144,7 @@ def _frames_text(first: int, last: int) -> str:
 
 
 def _settings(target: bpy.types.Scene) -> dict[str, Any]:
-    """The settings that `set_up` changes, by name."""
+    """Return the settings that `set_up` changes, by name."""
     render = target.render
     found = {name: getattr(render, name) for name in ("resolution_x", "resolution_y", "resolution_percentage", "fps")}
     found |= {name: round(getattr(render, name), 6) for name in ("fps_base", "pixel_aspect_x", "pixel_aspect_y")}
@@ -155,7 +155,7 @@ def _settings(target: bpy.types.Scene) -> dict[str, Any]:
 
 
 def _is_default(target: bpy.types.Scene) -> bool:
-    """True if the render settings are those of a new Blender scene."""
+    """Return True if the render settings are those of a new Blender scene."""
     render, view = target.render, target.view_settings
     names = ("resolution_x", "resolution_y", "resolution_percentage", "fps", "fps_base")
     names += ("pixel_aspect_x", "pixel_aspect_y")

@@ -35,7 +35,7 @@ def check_size(sequence: SplatSequence, step: int) -> None:
 def add_sequence(
     sequence: SplatSequence, step: int, name: str, add: Callable[[str, Scene], bpy.types.Object]
 ) -> list[bpy.types.Object]:
-    """A point cloud `NAME frame 00000` for every `step`th file, made by `add(name, scene)`, visible until the next one's."""
+    """Return a point cloud `NAME frame 00000` for every `step`th file, made by `add(name, scene)`, visible until the next one's."""
     clouds = []
     for first in range(0, len(sequence), step):
         cloud = add(f"{name} frame {first:05d}", sequence[first])

@@ -70,13 +70,13 @@ class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wa
 
 
 def preferences() -> F4X_AP_preferences | None:
-    """The preferences of this extension; None if it was registered without being enabled."""
+    """Return the preferences of this extension; None if it was registered without being enabled."""
     entry = bpy.context.preferences.addons.get(PACKAGE)
     return None if entry is None else entry.preferences
 
 
 def worker_folder() -> Path:
-    """Folder in which Set Up creates the worker's environment: in the user's files, outside the extension."""
+    """Return the folder in which Set Up creates the worker's environment: in the user's files, outside the extension."""
     try:
         return Path(bpy.utils.extension_path_user(PACKAGE, path="worker"))
     except ValueError:  # not installed as an extension
@@ -84,7 +84,7 @@ def worker_folder() -> Path:
 
 
 def find_interpreter() -> str | None:
-    """The worker's Python: of the preferences, else of F4X_PYTHON, else the one that Set Up made; None without one."""
+    """Return the worker's Python: of the preferences, else of F4X_PYTHON, else the one that Set Up made; None without one."""
     settings = preferences()
     named = (bpy.path.abspath(settings.interpreter) if settings else "") or os.environ.get(VARIABLE)
     if named:

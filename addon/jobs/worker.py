@@ -42,12 +42,12 @@ RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
 
 
 def core_command(interpreter: Path | str, verb: str, *arguments: Path | str) -> list[str]:
-    """The command line of one verb of `f4x` that reports in JSON lines."""
+    """Return the command line of one verb of `f4x` that reports in JSON lines."""
     return [str(interpreter), "-m", "f4x_core", verb, *map(str, arguments), "--progress-json"]
 
 
 def own_command(module: str, *arguments: Path | str) -> list[str]:
-    """The command line of a module of the core that Blender's own Python runs: it needs numpy alone, and no worker."""
+    """Return the command line of a module of the core that Blender's own Python runs: it needs numpy alone, and no worker."""
     return [sys.executable, "-m", f"f4x_core.{module}", *map(str, arguments)]
 
 
@@ -195,7 +195,7 @@ class Job:
 
 
 def _object(line: str) -> dict[str, Any] | None:
-    """The JSON object on a line of the protocol; None for other lines, which libraries print."""
+    """Return the JSON object on a line of the protocol; None for other lines, which libraries print."""
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):

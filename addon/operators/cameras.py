@@ -17,7 +17,7 @@ from ..scene.scene_object import SceneObject
 from .base import SceneOperator
 from .tasks import SavedSceneOperator, saved_scene, start_verb
 
-LEAST = 0.1
+MIN_DEGREES = 0.1
 """Degrees of the smallest swing."""
 PATHS = (
     ("STABILISE", "Stabilize", "The clip's camera in a calm hand"),
@@ -41,7 +41,7 @@ def _stay_believed(operator: bpy.types.Operator, scene_object: SceneObject | Non
     """Let the swing of a dialog begin within the angle up to which the scene can be believed."""
     zone = zone_of(scene_object) if scene_object else None
     if zone is not None and not operator.properties.is_property_set("degrees"):
-        operator.degrees = max(min(operator.degrees, zone.degrees), LEAST)
+        operator.degrees = max(min(operator.degrees, zone.degrees), MIN_DEGREES)
 
 
 class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blender wants this form
@@ -58,7 +58,7 @@ class F4X_OT_add_path_camera(SceneOperator, bpy.types.Operator):  # noqa: N801 -
         soft_max=48.0,
     )
     degrees: FloatProperty(  # type: ignore[valid-type]
-        name="Degrees", description="Size of the circle, seen from its center", default=5.0, min=LEAST, max=80.0
+        name="Degrees", description="Size of the circle, seen from its center", default=5.0, min=MIN_DEGREES, max=80.0
     )
 
     def draw(self, context):
@@ -97,7 +97,7 @@ class F4X_OT_render_film(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
 
     path: EnumProperty(name="Path", items=FILMS, default="stabilise")  # type: ignore[valid-type]
     frame: IntProperty(name="Frame", description="Clip frame at which time stops", min=0)  # type: ignore[valid-type]
-    degrees: FloatProperty(name="Degrees", description="Size of the swing", default=5.0, min=LEAST, max=80.0)  # type: ignore[valid-type]
+    degrees: FloatProperty(name="Degrees", description="Size of the swing", default=5.0, min=MIN_DEGREES, max=80.0)  # type: ignore[valid-type]
     factor: FloatProperty(name="Slower", description="How many times slower", default=4.0, min=1.0, max=100.0)  # type: ignore[valid-type]
     exr: BoolProperty(  # type: ignore[valid-type]
         name="EXR", description="Also write all passes of a frame as one EXR, with the matte of what no frame saw"

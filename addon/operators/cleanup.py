@@ -27,7 +27,7 @@ MARGIN = 1.2
 
 
 def box_of(scene_object: SceneObject) -> bpy.types.Object | None:
-    """The crop box that is active, else one of the scene."""
+    """Return the crop box that is active, else one of the scene."""
     active = bpy.context.object
     boxes = [item for item in scene_object.below if BOX in item]
     return active if active in boxes else next(iter(boxes), None)

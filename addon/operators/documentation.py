@@ -31,7 +31,7 @@ _TITLE = re.compile(r"(\]\([^) ]*) \"[^\"]*\"\)")
 
 
 def page_html(text: str, names: frozenset[str]) -> str:
-    """A Markdown page of the documentation as HTML; links lead to the pages `names`, and others become plain words."""
+    """Return a Markdown page of the documentation as HTML; links lead to the pages `names`, and others become plain words."""
     parts: list[str] = []
     for block in re.split(r"(```.*?```)", text, flags=re.DOTALL):
         if block.startswith("```"):
@@ -43,7 +43,7 @@ def page_html(text: str, names: frozenset[str]) -> str:
 
 
 def _block(text: str, names: frozenset[str]) -> str:
-    """A heading, table, list or paragraph."""
+    """Return a heading, table, list or paragraph."""
     lines = text.strip("\n").splitlines()
     heading = re.match(r"(#+) (.*)", lines[0])
     if heading:

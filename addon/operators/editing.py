@@ -67,7 +67,7 @@ _before: dict[int, str] = {}  # session_uid of a root -> its edits before the un
 
 
 def _span(scene_object: SceneObject) -> Span | None:
-    """The time span of the selection."""
+    """Return the time span of the selection."""
     state = scene_object.state
     return (float(state.first), float(state.last)) if state.use_span else None
 
@@ -303,7 +303,7 @@ class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
     called: StringProperty(name="Name", default="subject")  # type: ignore[valid-type]
 
     def operation(self, scene_object):
-        """Names travel with the scene file."""
+        """Return the naming of the selection; names travel with the scene file."""
         from ...f4x_core.edit.phrases import refuse_as_name  # a part of the grammar, which waits until somebody speaks
 
         refuse_as_name(self.called)
@@ -528,7 +528,7 @@ class F4X_OT_slow_clip(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 def _speed_of_everything(operations: tuple[Operation, ...]) -> float:
-    """The speed at which a plan plays everything all the time, where that is slower and all it does; else 0."""
+    """Return the speed at which a plan plays everything all the time, where that is slower and all it does; else 0."""
     match operations:
         case (Retime(select=All(), speed=speed, frames=None),) if speed < 1:
             return speed

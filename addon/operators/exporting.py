@@ -39,7 +39,7 @@ FORMAT_ITEMS = [
 
 
 def usd_megabytes(scene_object: SceneObject, one_frame: bool) -> float:
-    """About the size of the scene as USD; its text grows with frames and moving Gaussians. 0 without the scene file."""
+    """Return about the size of the scene as USD; its text grows with frames and moving Gaussians. 0 without the scene file."""
     try:
         scene = scene_object.edited
     except F4xError:
@@ -49,7 +49,7 @@ def usd_megabytes(scene_object: SceneObject, one_frame: bool) -> float:
 
 
 def target_of(path: Path, wanted: str, one_frame: bool) -> tuple[str, Path]:
-    """(format, file or folder) of an export to `path`: many frames of a format that holds one a file get a folder.
+    """Return (format, file or folder) of an export to `path`: many frames of a format that holds one a file get a folder.
 
     Raises F4xError for an ending that no format has.
     """
@@ -64,7 +64,7 @@ def target_of(path: Path, wanted: str, one_frame: bool) -> tuple[str, Path]:
 
 
 def stack_as_seen(scene_object: SceneObject) -> EditStack:
-    """The pending edits, with nodes and points that were moved or deleted in Blender and are no edits yet."""
+    """Return the pending edits, with nodes and points that were moved or deleted in Blender and are no edits yet."""
     stack = scene_object.stack
     motion = changes(scene_object) if unwritten(scene_object) else None
     for operation in (*((motion,) if motion is not None else ()), *changes_of(scene_object).operations):
@@ -73,7 +73,7 @@ def stack_as_seen(scene_object: SceneObject) -> EditStack:
 
 
 def _placed(root: bpy.types.Object) -> tuple[float, ...] | None:
-    """The move of the root since import, as a 4x4 matrix in the scene's axes, row by row; None where it was not."""
+    """Return the move of the root since import, as a 4x4 matrix in the scene's axes, row by row; None where it was not."""
     matrix = np.linalg.inv(BLENDER_FROM_SCENE) @ np.array(root.matrix_world, np.float64)
     return None if np.allclose(matrix, np.eye(4), atol=1e-6) else tuple(matrix.ravel().tolist())
 

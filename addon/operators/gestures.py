@@ -42,7 +42,7 @@ def _circle(centre: Corner, radius: float) -> list[Corner]:
 
 
 def _eye(context: bpy.types.Context) -> Eye:
-    """The viewport's view, else that of the scene's camera; F4xError without either."""
+    """Return the viewport's view, else that of the scene's camera; F4xError without either."""
     region, view, scene = context.region, context.region_data, context.scene
     if region is not None and view is not None:
         return eye(np.array(view.window_matrix), np.array(view.view_matrix), region.width, region.height)
@@ -139,7 +139,7 @@ class _Drawn(_Gesture):
     around = True
 
     def shape(self, scene_object: SceneObject, flip) -> Shape:
-        """The shape; `flip` turns places in the viewport to pixels of the core, whose y axis points down."""
+        """Return the shape; `flip` turns places in the viewport to pixels of the core, whose y axis points down."""
         raise NotImplementedError
 
     def select(self, scene_object, seen):

@@ -36,7 +36,7 @@ SIZE = 1.0
 
 
 def add_handle(scene_object: SceneObject, id: int) -> bpy.types.Object:
-    """The handle of the `transform` with this id; a new one where there is none. F4xError for an edit of another kind."""
+    """Return the handle of the `transform` with this id; a new one where there is none. F4xError for an edit of another kind."""
     found = handles_of(scene_object).get(id)
     if found is not None:
         return found
@@ -52,7 +52,7 @@ def add_handle(scene_object: SceneObject, id: int) -> bpy.types.Object:
 
 
 def handles_of(scene_object: SceneObject) -> dict[int, bpy.types.Object]:
-    """The handles of a scene by the ids of their edits, without copies of them."""
+    """Return the handles of a scene by the ids of their edits, without copies of them."""
     found = sorted(
         (item for item in scene_object.root.children if HANDLE_OF in item), key=lambda item: -item.session_uid
     )
@@ -101,18 +101,18 @@ def put_on_thing(scene_object: SceneObject, item: bpy.types.Object) -> None:
 
 
 def _operation(scene_object: SceneObject, id: int) -> Transform | None:
-    """The `transform` with this id; None where there is none."""
+    """Return the `transform` with this id; None where there is none."""
     found = next((edit.operation for edit in fields.stack_of(scene_object).edits if edit.id == id), None)
     return found if isinstance(found, Transform) else None
 
 
 def _axes(item: bpy.types.Object) -> SceneAxes:
-    """The axes of a handle's numbers: Blender's where the scene was when they were written."""
+    """Return the axes of a handle's numbers: Blender's where the scene was when they were written."""
     return SceneAxes.from_matrix(np.array(item.matrix_parent_inverse.inverted_safe()))
 
 
 def _values(item: bpy.types.Object) -> dict[str, Any]:
-    """Fields of the edit that a handle stands for."""
+    """Return the fields of the edit that a handle stands for."""
     axes = _axes(item)
     turn = np.rad2deg(item.rotation_quaternion.normalized().to_exponential_map())
     size = float(np.exp(np.mean(np.log(np.maximum(np.abs(item.scale), 1e-9)))))
@@ -168,7 +168,7 @@ class F4X_OT_edit_gizmo(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
 
 
 def _edit_of_selection(scene_object: SceneObject) -> int:
-    """Id of the last edit, if it moves what is selected, else of a new one."""
+    """Return the id of the last edit, if it moves what is selected, else of a new one."""
     chosen, edits = scene_object.selected_ids, scene_object.stack.edits
     last = edits[-1] if edits else None
     if last and last.enabled and isinstance(last.operation, Transform) and last.operation.select == chosen:

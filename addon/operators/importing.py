@@ -32,7 +32,7 @@ SCENE_FILES = "*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf"
 
 
 def options_for(filepath: str) -> list[str]:
-    """Names of the import options that a file of this name has, in their order."""
+    """Return the names of the import options that a file of this name has, in their order."""
     numbered = re.fullmatch(r".*\d\.ply", Path(filepath).name, re.IGNORECASE) is not None
     return ["set_up_render", "clear_view", *(["sequence", "step"] if numbered else []), "clip"]
 
@@ -149,14 +149,14 @@ def _tell_of_refit(root: bpy.types.Object) -> None:
 
 
 def _own_pace(root: bpy.types.Object, scene: bpy.types.Scene) -> str:
-    """The sentence about a clip whose frame rate is not that of the file."""
+    """Return the sentence about a clip whose frame rate is not that of the file."""
     fps = scene.render.fps / scene.render.fps_base
     pace = f"it plays at its own pace, Speed {root.f4x.speed:.3g} in the panel Motion"
     return f"The clip has {fps * root.f4x.speed:.4g} frames per second and this file {fps:.4g}: {pace}"
 
 
 def _summary(root: bpy.types.Object) -> str:
-    """Summary of an import, in as few words as the status bar shows."""
+    """Return the summary of an import, in as few words as the status bar shows."""
     if PATH in root and SceneObject(root).holds_edits:
         return f"{root.name}: {len(SceneObject(root).base.cameras)} frames. Space plays"
     clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD"]
@@ -242,7 +242,7 @@ def _warn_of_clip(operator: bpy.types.Operator, root: bpy.types.Object) -> None:
 
 
 def _root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
-    """The root of what was imported, scene or splats, that `item` is a part of."""
+    """Return the root of what was imported, scene or splats, that `item` is a part of."""
     while item is not None and SOURCE not in item and PATH not in item:
         item = item.parent
     return item

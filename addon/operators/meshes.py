@@ -80,7 +80,7 @@ def _carry(item: bpy.types.Object, root: bpy.types.Object, curves: Scaffold, ski
 
 
 def _material(name: str) -> bpy.types.Material:
-    """A rough surface of the colours of the Gaussians."""
+    """Return a rough surface of the colours of the Gaussians."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     tree = material.node_tree

@@ -129,12 +129,12 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
 
 
 def _view_of(context: bpy.types.Context) -> bpy.types.Region:
-    """The region of the 3D viewport that shows the scene."""
+    """Return the region of the 3D viewport that shows the scene."""
     return next(region for region in context.area.regions if region.type == "WINDOW")
 
 
 def _point_in_view(context: bpy.types.Context, event: bpy.types.Event) -> tuple[int, int] | None:
-    """The mouse in the pixels of the view; None over the sidebar, a header or a toolbar."""
+    """Return the mouse in the pixels of the view; None over the sidebar, a header or a toolbar."""
     view, x, y = _view_of(context), event.mouse_x, event.mouse_y
     for region in context.area.regions:
         inside = region.x <= x < region.x + region.width and region.y <= y < region.y + region.height
@@ -167,7 +167,7 @@ class _Grab:
         self.free = within_reach(self.xyz, self.edges, self.grabbed, reach * self.unit)
 
     def offsets(self, offset: Vector) -> tuple[np.ndarray, np.ndarray]:
-        """`(quat (n,4), xyz (n,3))` of the nodes `free` in their own frames, when the grabbed ones move by `offset` (world)."""
+        """Return `(quat (n,4), xyz (n,3))` of the nodes `free` in their own frames, the grabbed ones moved by `offset` (world)."""
         moved = np.array(self.root.matrix_world.to_3x3().inverted() @ offset)
         placed, turns = grab(self.xyz, self.edges, self.grabbed, self.xyz[self.grabbed] + moved, self.free)
         quat, xyz = pose.compose(*pose.invert(self.quat, self.xyz), quaternion.multiply(turns, self.quat), placed)
@@ -181,7 +181,7 @@ class _Grab:
             self.nodes[i].rotation_quaternion, self.nodes[i].location = new
 
     def keep(self, offset: Vector, whole_clip: bool, frames: int) -> None:
-        """Key it: over the whole clip, or fading within `frames` of the present one."""
+        """Key the move: over the whole clip, or fading within `frames` of the present one."""
         falloff = np.ones(len(self.frames))
         if not whole_clip:
             near = np.clip(1 - np.abs(self.frames - self.frame) / (frames + 1), 0, 1)

@@ -41,7 +41,7 @@ def _place(context: bpy.types.Context, root: bpy.types.Object, change: Matrix) -
 
 
 def _extent(scene_object: SceneObject) -> float:
-    """Distance from Blender's origin of the far end of the scene's bulk."""
+    """Return the distance from Blender's origin of the far end of the scene's bulk."""
     means = scene_object.base.static.means
     if not len(means):
         return MIN_REACH
@@ -51,7 +51,7 @@ def _extent(scene_object: SceneObject) -> float:
 
 
 def _is_in(region: bpy.types.Region, x: int, y: int) -> bool:
-    """True if a pixel of the window is in a region."""
+    """Return True if a pixel of the window is in a region."""
     return 0 <= x - region.x < region.width and 0 <= y - region.y < region.height
 
 

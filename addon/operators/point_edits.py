@@ -91,7 +91,7 @@ def changes_of(scene_object: SceneObject) -> PointChanges:
 
 
 def summary(scene_object: SceneObject) -> str:
-    """`PointChanges.summary`, worked out only after Blender saw a change: panels are drawn often."""
+    """Return `PointChanges.summary`, worked out only after Blender saw a change: panels are drawn often."""
     uid = scene_object.root.session_uid
     if uid not in _found:
         try:
@@ -126,7 +126,7 @@ def put_back(scene_object: SceneObject) -> None:
 
 
 def _owners(scene_object: SceneObject, part: StaticSet) -> list[bpy.types.Object]:
-    """The clouds that show Gaussians of `part`."""
+    """Return the clouds that show Gaussians of `part`."""
     clouds = [cloud for cloud in scene_object.clouds if APART not in cloud]
     return [cloud for cloud in clouds if np.isin(read_attribute(cloud.data, "gid"), part.ids).any()]
 
@@ -142,7 +142,7 @@ def _restore_positions(data: bpy.types.PointCloud, part: StaticSet) -> None:
 
 
 def _spare_data(old: bpy.types.PointCloud, count: int) -> bpy.types.PointCloud:
-    """A point cloud of `count` points with the materials and the custom properties of `old`."""
+    """Return a point cloud of `count` points with the materials and the custom properties of `old`."""
     item = new_point_cloud(f"{old.name} whole", count, bpy.context.scene.collection)
     new = item.data
     bpy.data.objects.remove(item)

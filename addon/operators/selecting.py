@@ -170,7 +170,7 @@ class _Prompt(SearchOperator):
     part = False
 
     def prompt(self) -> dict:
-        """The prompt as keyword arguments of the core."""
+        """Return the prompt as keyword arguments of the core."""
         raise NotImplementedError
 
     def work(self, scene_object):
@@ -236,7 +236,7 @@ class _Prompt(SearchOperator):
         super().let_go(context)
 
     def _mouse(self, event) -> tuple[bpy.types.Region, np.ndarray]:
-        """(the viewport's region, (2,) the mouse in it); F4xError outside."""
+        """Return (the viewport's region, (2,) the mouse in it); F4xError outside."""
         for region in self._area.regions:
             at = np.array([event.mouse_x - region.x, event.mouse_y - region.y])
             if region.type == "WINDOW" and (at >= 0).all() and (at < (region.width, region.height)).all():
@@ -244,7 +244,7 @@ class _Prompt(SearchOperator):
         raise F4xError("The mouse is outside the viewport; click inside it.")
 
     def _pixel(self, context, region: bpy.types.Region, at: np.ndarray) -> np.ndarray:
-        """(2,) pixel of the clip's frame that shows what is at `at` in the viewport; F4xError where nothing is."""
+        """Return (2,) pixel of the clip's frame that shows what is at `at` in the viewport; F4xError where nothing is."""
         scene_object = SceneObject.of(context.object)
         view = self._area.spaces.active.region_3d
         to_scene = scene_object.root.matrix_world.inverted()

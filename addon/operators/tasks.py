@@ -39,7 +39,7 @@ def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, ver
 
 
 def _selection_options(scene_object: SceneObject) -> tuple[Path | str, ...]:
-    """Options of a verb that hand over what is selected, in a file that goes with Blender; none where nothing is."""
+    """Return the options of a verb that hand over what is selected, in a file that goes with Blender; none where nothing is."""
     selection = scene_object.selection
     if selection is None:
         return ()
@@ -114,7 +114,7 @@ class SavedSceneOperator(_WorkerOperator):
 
 
 def saved_scene(context: bpy.types.Context) -> tuple[SceneObject, Path]:
-    """The active scene and its file. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
+    """Return the active scene and its file. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
     scene_object = SceneObject.of(context.active_object)
     if not scene_object.holds_edits:
         raise F4xError(
@@ -214,7 +214,7 @@ class F4X_OT_add_features(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 def _moved_clip(scene_object: SceneObject, path: Path) -> Path | None:
-    """The clip of a scene where it lies elsewhere by now: near the scene file, or behind the camera; None: in its place, or
+    """Return the clip of a scene where it lies elsewhere by now: near the scene file, or behind the camera; None: in its place, or
     unknown.
 
     Raises F4xError where it is at none of these.

@@ -32,7 +32,7 @@ _handles: list = []
 
 
 def zone_of(scene_object: SceneObject) -> BelievedZone | None:
-    """The zone of a scene in its own axes; None where its fit did not tell, or its file is missing."""
+    """Return the zone of a scene in its own axes; None where its fit did not tell, or its file is missing."""
     key = scene_object.root[PATH], scene_object.root.get(ARRAYS, "")
     if key not in _zones:
         try:
@@ -43,7 +43,7 @@ def zone_of(scene_object: SceneObject) -> BelievedZone | None:
 
 
 def present_of(scene_object: SceneObject) -> tuple[BelievedZone, int] | None:
-    """The zone of a scene and the number of its present camera; None where there is no zone, or its file is missing."""
+    """Return the zone of a scene and the number of its present camera; None where there is no zone, or its file is missing."""
     zone = zone_of(scene_object)
     try:
         frame = 0 if zone is None else scene_object.base.cameras.frame_at(scene_object.frame)
@@ -53,7 +53,7 @@ def present_of(scene_object: SceneObject) -> tuple[BelievedZone, int] | None:
 
 
 def line_at(scene_object: SceneObject, eye: Vector) -> str:
-    """The line about a view at `eye`, in Blender's world; nothing where it can be believed or nobody knows."""
+    """Return the line about a view at `eye`, in Blender's world; nothing where it can be believed or nobody knows."""
     zone = zone_of(scene_object)
     if zone is None:
         return ""
@@ -74,7 +74,7 @@ def is_in_view(scene_object: SceneObject, to_clip: Matrix) -> bool:
 
 
 def _clip_of(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Matrix:
-    """The matrix from Blender's world to the clip coordinates of a render's camera."""
+    """Return the matrix from Blender's world to the clip coordinates of a render's camera."""
     render = depsgraph.scene.render
     size = {"x": render.resolution_x, "y": render.resolution_y}
     aspect = {"scale_x": render.pixel_aspect_x, "scale_y": render.pixel_aspect_y}
@@ -100,7 +100,7 @@ def _shown(scene: bpy.types.Scene) -> Iterator[SceneObject]:
 
 
 def _eye(view: bpy.types.RegionView3D) -> Vector:
-    """The place in Blender's world from which a viewport looks."""
+    """Return the place in Blender's world from which a viewport looks."""
     to_world = view.view_matrix.inverted()
     if view.window_matrix[3][3] == 0:  # perspective
         return to_world.translation
@@ -108,7 +108,7 @@ def _eye(view: bpy.types.RegionView3D) -> Vector:
 
 
 def _scenes(context: bpy.types.Context) -> list[SceneObject]:
-    """The scenes of which a viewport tells."""
+    """Return the scenes of which a viewport tells."""
     if not context.space_data.overlay.show_overlays:
         return []
     shown = SceneObject.among(context.scene.objects)

@@ -175,7 +175,7 @@ def _columns(tree: bpy.types.NodeTree) -> list[list[bpy.types.Node]]:
 
 
 def _tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:
-    """The compositor's nodes, and the node that is their result."""
+    """Return the compositor's nodes, and the node that is their result."""
     if "compositing_node_group" not in scene.bl_rna.properties:  # before 5.0
         scene.use_nodes = True
         tree = scene.node_tree
@@ -191,7 +191,7 @@ def _tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:
 
 
 def _new(tree: bpy.types.NodeTree, *kinds: str) -> bpy.types.Node:
-    """A new node of the first of these kinds that there is."""
+    """Return a new node of the first of these kinds that there is."""
     for kind in kinds[:-1]:
         if hasattr(bpy.types, kind):
             break
@@ -209,7 +209,7 @@ def _layer_node(tree: bpy.types.NodeTree, scene: bpy.types.Scene, layer: str) ->
 
 
 def _math(tree: bpy.types.NodeTree, operation: str, *sources: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-    """The result of a calculation with these values."""
+    """Return the result of a calculation with these values."""
     node = _new(tree, "CompositorNodeMath", "ShaderNodeMath")
     node.operation, node.hide = operation, True
     for source, socket in zip(sources, node.inputs, strict=False):

@@ -226,7 +226,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         self._write(layer, images, region, mattes, view)
 
     def _eye(self, depsgraph, view: str) -> Eye:
-        """The camera of a view at present."""
+        """Return the camera of a view at present."""
         scene, size = depsgraph.scene, (self.resolution_x, self.resolution_y)
         if not view:
             return camera_eye(scene.camera, scene, depsgraph, *size)
@@ -318,7 +318,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
                 self.tag_redraw()
 
     def _view_texture(self, coarse: int) -> gpu.types.GPUTexture:
-        """The viewport's picture, `coarse` times smaller."""
+        """Return the viewport's picture, `coarse` times smaller."""
         projection, world_to_view, width, height = self._view
         size = (-(-width // coarse), -(-height // coarse))
         seen = eye(projection, world_to_view, *size)
@@ -331,13 +331,13 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
 
 
 def _wanted(layer: bpy.types.ViewLayer) -> list[str]:
-    """Passes of the stage that a view layer asks for."""
+    """Return the passes of the stage that a view layer asks for."""
     own = [name for name in F4X_PG_passes.__annotations__ if getattr(layer.f4x_passes, name)]
     return [name for name, switch in _SWITCHES.items() if getattr(layer, switch)] + own
 
 
 def _views(render: bpy.types.RenderSettings) -> list[str]:
-    """Names of the views that are rendered; without stereo one without a name."""
+    """Return the names of the views that are rendered; without stereo one without a name."""
     if not render.use_multiview:
         return [""]
     stereo = render.views_format == "STEREO_3D"
@@ -345,7 +345,7 @@ def _views(render: bpy.types.RenderSettings) -> list[str]:
 
 
 def _titles(layer: bpy.types.ViewLayer) -> dict[str, str]:
-    """Name in Blender -> channels of the passes that a view layer asks for, besides Combined."""
+    """Return name in Blender -> channels of the passes that a view layer asks for, besides Combined."""
     titles = {}
     for name in _wanted(layer):
         if name.startswith(stage.MATTE):
@@ -367,7 +367,7 @@ def _mist(world: bpy.types.World | None, back: float) -> Mist:
 
 
 def _exposure(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, back: float) -> Exposure:
-    """The shutter of the render settings and the lens of the camera."""
+    """Return the shutter of the render settings and the lens of the camera."""
     render, lens = scene.render, camera_lens(scene.camera, depsgraph, back)
     span = render.motion_blur_shutter if render.use_motion_blur else 0.0
     opens = {"START": 0.0, "CENTER": -span / 2, "END": -span}[render.motion_blur_position]
@@ -375,7 +375,7 @@ def _exposure(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, back: floa
 
 
 def _region(render: bpy.types.RenderSettings, width: int, height: int) -> tuple[slice, slice]:
-    """(rows, columns) from the top of the render region, cut to whole pixels as Blender cuts them."""
+    """Return (rows, columns) from the top of the render region, cut to whole pixels as Blender cuts them."""
     if not render.use_border:
         return slice(0, height), slice(0, width)
     left, right = int(render.border_min_x * width), int(render.border_max_x * width)

@@ -52,7 +52,7 @@ class Mattes:
         self._selected: dict[str, dict[str, np.ndarray]] = {}
 
     def of(self, owner: bpy.types.Object) -> dict[str, int]:
-        """Layer -> id of an object as a whole."""
+        """Return layer -> id of an object as a whole."""
         collections = owner.users_collection
         return {
             "object": self._id("object", owner.name),
@@ -60,7 +60,7 @@ class Mattes:
         }
 
     def of_points(self, owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
-        """Layer -> (N,) id of each point of an object's evaluated `data`; of several selections the last one counts."""
+        """Return layer -> (N,) id of each point of an object's evaluated `data`; of several selections the last one counts."""
         ids = {layer: np.full(len(data.points), own, np.uint32) for layer, own in self.of(owner).items()}
         found, gid = SceneObject.of(owner), read_attribute(data, "gid")
         if found is not None and gid is not None:
@@ -97,13 +97,13 @@ class _Holdouts:
         self._layer = depsgraph.view_layer
 
     def is_held(self, owner: bpy.types.Object) -> bool:
-        """True if an object that owns something seen cuts a hole."""
+        """Return True if an object that owns something seen cuts a hole."""
         root = root_of(owner) if owner.type == "POINTCLOUD" else None
         return owner.holdout_get(view_layer=self._layer) or (root is not None and root.is_holdout)
 
 
 def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[list[Cloud], list[Surface]]:
-    """Every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world."""
+    """Return every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world."""
     more = more or More()
     mattes = more.mattes
     holds, images = _Holdouts(depsgraph), Images()
@@ -129,7 +129,7 @@ def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[lis
 
 
 def _unseen(owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
-    """The layer `unseen` (N,1) of evaluated points; nothing where they belong to no scene."""
+    """Return the layer `unseen` (N,1) of evaluated points; nothing where they belong to no scene."""
     found, gid = SceneObject.of(owner), read_attribute(data, "gid")
     if found is None or gid is None:
         return {}
@@ -201,7 +201,7 @@ class Reader:
     def _cloud(
         self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes
     ) -> tuple[Cloud | None, frozenset[str] | None]:
-        """The cloud, and the attributes that its modifiers write."""
+        """Return the cloud, and the attributes that its modifiers write."""
         written = self._written_by(item)
         old, before = self._clouds.get(key, (None, None))
         if old is None or changed.any_data(item) or written != before:
@@ -214,7 +214,7 @@ class Reader:
         return _reread(item.data, old, written), written
 
     def _written_by(self, item: bpy.types.Object) -> frozenset[str] | None:
-        """Attributes that the modifiers of a point cloud write; None = they may do anything."""
+        """Return the attributes that the modifiers of a point cloud write; None = they may do anything."""
         written: frozenset[str] | None = frozenset()
         for modifier in item.original.modifiers:
             tree = modifier.node_group if modifier.type == "NODES" else None
@@ -261,7 +261,7 @@ class _Changes:
 
 
 def world_color(world: bpy.types.World | None) -> np.ndarray:
-    """(3,) sRGB of a world of one colour: its Background node, else its viewport colour; black without a world."""
+    """Return (3,) sRGB of a world of one colour: its Background node, else its viewport colour; black without a world."""
     if world is None:
         return np.zeros(3)
     color, strength = world.color, 1.0
@@ -275,7 +275,7 @@ def world_color(world: bpy.types.World | None) -> np.ndarray:
 
 
 def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Cloud | None:
-    """The Gaussians of a point cloud; None where it holds none."""
+    """Return the Gaussians of a point cloud; None where it holds none."""
     means, quats, look = read_attribute(data, "position"), read_attribute(data, "rotation"), read_look(data)
     if means is None or quats is None or look is None or not len(means):
         return None
@@ -302,7 +302,7 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
 
 
 def _reread(data: bpy.types.PointCloud, old: Cloud, written: frozenset[str]) -> Cloud | None:
-    """The cloud with what its modifiers write read anew; None where it holds no Gaussians any more."""
+    """Return the cloud with what its modifiers write read anew; None where it holds no Gaussians any more."""
     new = {part: read_attribute(data, name) for name, part in _POSED.items() if name in written}
     if len(data.points) != len(old.means) or any(values is None for values in new.values()):
         return _cloud(data, old.to_world, old.index)
@@ -318,12 +318,12 @@ def _reread(data: bpy.types.PointCloud, old: Cloud, written: frozenset[str]) -> 
 
 
 def _removes_tints(node: bpy.types.Node) -> bool:
-    """True for a node that only removes attributes which the engine does not read."""
+    """Return True for a node that only removes attributes which the engine does not read."""
     return node.bl_idname == "GeometryNodeRemoveAttribute" and node.inputs["Name"].default_value.startswith(TINT)
 
 
 def _attributes_of(tree: bpy.types.NodeTree | None) -> frozenset[str] | None:
-    """Attributes of the points that a tree writes; None where it holds a node of which this is not known."""
+    """Return the attributes of the points that a tree writes; None where it holds a node of which this is not known."""
     if tree is None:
         return None
     written: set[str] = set()

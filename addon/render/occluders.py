@@ -40,7 +40,7 @@ def hide_occluders(root: bpy.types.Object, frames: Iterable[int]) -> str:
 
 
 def _largest_occluder(root: bpy.types.Object) -> bpy.types.Object | None:
-    """The visible object that hides most of the scene from the scene's camera at this frame, if it is in the way."""
+    """Return the visible object that hides most of the scene from the scene's camera at this frame, if it is in the way."""
     scene, depsgraph = bpy.context.scene, bpy.context.evaluated_depsgraph_get()
     centre = scene.camera.matrix_world.translation.copy()
     points, own = _points_in_view(scene, depsgraph), {root, *root.children_recursive}
@@ -55,7 +55,7 @@ def _largest_occluder(root: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def _points_in_view(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Centres (n,3) of some of the Gaussians that the camera sees, evenly among them, in Blender's world."""
+    """Return the centres (n,3) of some of the Gaussians that the camera sees, evenly among them, in Blender's world."""
     render = scene.render
     eye = camera_eye(scene.camera, scene, depsgraph, render.resolution_x, render.resolution_y)
     clouds, _ = evaluated.stage(depsgraph)

@@ -45,7 +45,7 @@ def lighting(depsgraph: bpy.types.Depsgraph) -> Callable[[bpy.types.Object, Clou
 
     def lit(item: bpy.types.Object, cloud: Cloud) -> Cloud:
         root = _root(item)
-        # what stands in the clip has its shadow in it already
+        # objects of the clip have their shadows in it already
         others = [caster for caster, made_of in casters if made_of is None or made_of != root]
         light = shadows.light_left(cloud.places, lamps, others, settings.strength)
         return cloud if (light == 1).all() else replace(cloud, light=light)
@@ -54,13 +54,13 @@ def lighting(depsgraph: bpy.types.Depsgraph) -> Callable[[bpy.types.Object, Clou
 
 
 def _root(item: bpy.types.Object) -> bpy.types.Object | None:
-    """The root of the scene that an evaluated object is a part of."""
+    """Return the root of the scene that an evaluated object is a part of."""
     found = SceneObject.of(item.original)
     return None if found is None else found.root
 
 
 def _lamps(depsgraph: bpy.types.Depsgraph) -> list[shadows.Lamp]:
-    """Lamps that cast shadows."""
+    """Return the lamps that cast shadows."""
     found = []
     for instance in depsgraph.object_instances:
         item = instance.object
@@ -72,7 +72,7 @@ def _lamps(depsgraph: bpy.types.Depsgraph) -> list[shadows.Lamp]:
 
 
 def _lamp(data: bpy.types.Light, matrix: np.ndarray) -> shadows.Lamp:
-    """A lamp as the core's; it shines along its -z axis."""
+    """Return a lamp as the core's; it shines along its -z axis."""
     power = data.energy * 2 ** getattr(data, "exposure", 0.0) * sum(data.color) / 3
     axes, place = matrix[:3, :3], matrix[:3, 3]
     back = axes[:, 2] / np.linalg.norm(axes[:, 2])
@@ -89,7 +89,7 @@ def _lamp(data: bpy.types.Light, matrix: np.ndarray) -> shadows.Lamp:
 
 
 def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.types.Object | None]]:
-    """Everything solid that casts shadows, seen by the camera or not; of a mesh of Gaussians also the root of its scene."""
+    """Return everything solid that casts shadows, seen by the camera or not; of a mesh of Gaussians also the root of its scene."""
     found = []
     for instance in depsgraph.object_instances:
         item = instance.object
@@ -105,7 +105,7 @@ def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.t
 
 
 def _rays(corners: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """`Caster.blocks` of triangles whose corners are (3T,3) in the world."""
+    """Return `Caster.blocks` of triangles whose corners are (3T,3) in the world."""
     tree = BVHTree.FromPolygons(corners.tolist(), np.arange(len(corners)).reshape(-1, 3).tolist(), all_triangles=True)
 
     def blocks(starts: np.ndarray, ways: np.ndarray) -> np.ndarray:

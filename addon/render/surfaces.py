@@ -39,7 +39,7 @@ class Look:
     image: bpy.types.Image | None = None
     """Image that holds the color."""
     uv_map: str = ""
-    """Its UV map on the mesh; empty = the mesh's own for renders."""
+    """Name of its UV map on the mesh; empty = the mesh's own for renders."""
 
 
 class Images:
@@ -50,14 +50,14 @@ class Images:
         self._read: dict[int, np.ndarray | None] = {}
 
     def pixels(self, image: bpy.types.Image) -> np.ndarray | None:
-        """(h,w,3) sRGB, the upper row first; None for an image without any."""
+        """Return (h,w,3) sRGB, the upper row first; None for an image without any."""
         if image.session_uid not in self._read:
             self._read[image.session_uid] = _pixels(image)
         return self._read[image.session_uid]
 
 
 def surface_of(item: bpy.types.Object, to_world: np.ndarray, images: Images | None = None) -> Surface | None:
-    """The evaluated triangles of an object; None where it has none. Without `images` they have neither normals nor colors."""
+    """Return the evaluated triangles of an object; None for none. Without `images` they have neither normals nor colors."""
     mesh = item.to_mesh()
     try:
         mesh.calc_loop_triangles()
@@ -78,7 +78,7 @@ def surface_of(item: bpy.types.Object, to_world: np.ndarray, images: Images | No
 
 
 def _looks(item: bpy.types.Object, mesh: bpy.types.Mesh, vertices: np.ndarray, images: Images) -> dict[str, Any]:
-    """Fields of a `Surface` that say how the triangles with these corners look."""
+    """Return the fields of a `Surface` that say how the triangles with these corners look."""
     count = len(vertices) // 3
     slots, loops = np.empty(count, np.int32), np.empty(3 * count, np.int32)
     mesh.loop_triangles.foreach_get("material_index", slots)
@@ -109,7 +109,7 @@ def _each_corner(colors: np.ndarray) -> np.ndarray:
 def _textures(
     mesh: bpy.types.Mesh, looks: list[Look], slots: np.ndarray, loops: np.ndarray, images: Images
 ) -> list[Texture]:
-    """Images on the triangles."""
+    """Return the images on the triangles."""
     found = []
     for slot, look in enumerate(looks):
         own = slots == slot
@@ -123,7 +123,7 @@ def _textures(
 
 
 def _at_corners(mesh: bpy.types.Mesh, name: str, vertices: np.ndarray, loops: np.ndarray) -> np.ndarray | None:
-    """(3 T,3) linear colors of an attribute at the corners; None where the mesh has none of that name on them."""
+    """Return (3 T,3) linear colors of an attribute at the corners; None where the mesh has none of that name on them."""
     attribute = mesh.attributes.get(name) if name else mesh.color_attributes.active_color
     rows = {"POINT": vertices, "CORNER": loops}.get(attribute.domain) if attribute is not None else None
     layout = COLORS.get(attribute.data_type) if attribute is not None else None
@@ -136,7 +136,7 @@ def _at_corners(mesh: bpy.types.Mesh, name: str, vertices: np.ndarray, loops: np
 
 
 def look_of(material: bpy.types.Material | None) -> Look:
-    """The color, light and image of a material, as far as its nodes say so plainly; else its color for the viewport."""
+    """Return the color, light and image of a material, as far as its nodes say so plainly; else its color for the viewport."""
     if material is None:
         return Look()
     plain = Look(tuple(material.diffuse_color[:3]))
@@ -155,12 +155,12 @@ def look_of(material: bpy.types.Material | None) -> Look:
 
 
 def _source(socket: bpy.types.NodeSocket) -> bpy.types.Node | None:
-    """The node that a socket gets its value from; None where it has its own."""
+    """Return the node that a socket gets its value from; None where it has its own."""
     return socket.links[0].from_node if socket.is_linked else None
 
 
 def _shader(node: bpy.types.Node, name: str, depth: int = 0) -> bpy.types.Node | None:
-    """The first shader with a color behind an input, also where several are mixed."""
+    """Return the first shader with a color behind an input, also where several are mixed."""
     node = _source(node.inputs[name])
     if node is None or depth > DEEP or node.type in BASE or node.type == "EMISSION":
         return node if node is not None and depth <= DEEP else None
@@ -170,7 +170,7 @@ def _shader(node: bpy.types.Node, name: str, depth: int = 0) -> bpy.types.Node |
 
 
 def _light(shader: bpy.types.Node, color: str, strength: str) -> tuple[float, float, float]:
-    """Linear light that a shader gives off in one color."""
+    """Return linear light that a shader gives off in one color."""
     if color not in shader.inputs or strength not in shader.inputs:
         return (0.0, 0.0, 0.0)
     values = shader.inputs[color].default_value[:3]
@@ -178,7 +178,7 @@ def _light(shader: bpy.types.Node, color: str, strength: str) -> tuple[float, fl
 
 
 def _colored(socket: bpy.types.NodeSocket, glow: tuple[float, float, float], plain: Look) -> Look:
-    """The look of a shader whose color comes from `socket`: itself, or the nearest node behind it that plainly has one."""
+    """Return the look of a shader whose color comes from `socket`: itself, or the nearest node behind it that plainly has one."""
     node = _source(socket)
     if node is None:
         return Look(tuple(socket.default_value[:3]), glow)

@@ -109,7 +109,7 @@ def draw_exactly(space: bpy.types.SpaceView3D) -> bool:
 
 
 def shows_picture(scene: bpy.types.Scene, space: bpy.types.SpaceView3D | None) -> bool:
-    """True if a viewport shows `scene` as *Show Picture* would; True without one."""
+    """Return True if a viewport shows `scene` as *Show Picture* would; True without one."""
     if space is None:
         return True
     exact = scene.render.engine == Feature4XRenderEngine.bl_idname

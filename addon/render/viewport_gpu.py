@@ -66,7 +66,7 @@ class GpuPicture:
         self.milliseconds["load"] = 1e3 * (time.thread_time() - start)
 
     def draw(self, seen: Eye, *, moving: bool = False) -> gpu.types.GPUTexture:
-        """The picture in linear light; `moving` allows a coarse order. Overwritten by the next call."""
+        """Return the picture in linear light; `moving` allows a coarse order. Overwritten by the next call."""
         start = time.thread_time()
         size = (seen.camera.width, seen.camera.height)
         if self._targets is None or self._targets.size != size:
@@ -95,7 +95,7 @@ class GpuPicture:
         return moving and len(self.splats) > EXACT_WHILE_MOVING
 
     def read(self) -> np.ndarray:
-        """(H,W,4) sRGB of the last picture as it was blended, for tests."""
+        """Return (H,W,4) sRGB of the last picture as it was blended, for tests."""
         assert self._targets is not None
         width, height = self._targets.size
         with self._targets.blended.bind():
@@ -157,7 +157,7 @@ class _Targets:
 
 
 def picture() -> GpuPicture | None:
-    """A new picture; None where the graphics card has refused."""
+    """Return a new picture; None where the graphics card has refused."""
     if _refusal is not None:
         return None
     try:
@@ -239,7 +239,7 @@ def _use(blend: str, depth_test: str, *, depth_mask: bool) -> None:
 
 
 def _texture(array: np.ndarray, kind: str | None = None) -> gpu.types.GPUTexture:
-    """A texture of an array (rows, columns, channels) float32, in the format `kind` or that of its floats."""
+    """Return a texture of an array (rows, columns, channels) float32, in the format `kind` or that of its floats."""
     rows, columns, channels = array.shape
     data = gpu.types.Buffer("FLOAT", array.size, array.reshape(-1))
     return gpu.types.GPUTexture((columns, rows), format=kind or FORMATS[channels], data=data)

@@ -22,7 +22,7 @@ ROUNDING = 3e-6
 
 
 def changes(scene_object: SceneObject) -> Rekey | None:
-    """The poses that differ from the pending edits', at every clip frame at which any does; None where none does.
+    """Return the poses that differ from the pending edits', at every clip frame at which any does; None where none does.
 
     They are read as Blender evaluates them. Raises F4xError where nodes are missing.
     """
@@ -99,7 +99,7 @@ def _curves(scene_object: SceneObject) -> Scaffold:
 def _differ(
     root: bpy.types.Object, xyz: np.ndarray, quat: np.ndarray, other_xyz: np.ndarray, other_quat: np.ndarray
 ) -> np.ndarray:
-    """(T,n) bool: whether poses differ by more than rounding, which grows with the distance from Blender's origin."""
+    """Return (T,n) bool: whether poses differ by more than rounding, which grows with the distance from Blender's origin."""
     away = max(1.0, *(abs(value) for value in root.matrix_world.translation))
     reach = ROUNDING * np.maximum(away, np.abs(other_xyz).max(-1))
     turned = np.minimum(np.abs(quat - other_quat).max(-1), np.abs(quat + other_quat).max(-1))

@@ -77,7 +77,7 @@ class _CarriedCloud:
             return False
 
     def now(self) -> Carried:
-        """The Gaussians by the empties as they stand; the very same arrays where none has moved."""
+        """Return the Gaussians by the empties as they stand; the very same arrays where none has moved."""
         self._nodes.objects.foreach_get("matrix_world", self._buffer)
         to_scene = np.linalg.inv(np.array(self._root.matrix_world, np.float64))
         # Blender gives matrices column by column
@@ -101,7 +101,7 @@ class _CarriedCloud:
         return rows if (self._ids[rows] == gid).all() else None
 
     def posed(self, cloud: Cloud, data: bpy.types.PointCloud) -> Cloud:
-        """`cloud`, as its evaluated `data` hold it, carried; with the very same arrays where nothing has moved."""
+        """Return `cloud`, as its evaluated `data` hold it, carried; with the very same arrays where nothing has moved."""
         now, before = self.now(), self._last
         if before is None or before[0] is not cloud.means or before[1] is not now:
             rows = self.rows_of(data)
@@ -112,13 +112,13 @@ class _CarriedCloud:
 
 
 def carried_cloud(owner: bpy.types.Object, cloud: Cloud, data: bpy.types.PointCloud) -> Cloud:
-    """`cloud` of an object as the viewport shows it: carried by the core where its modifier is off for that."""
+    """Return `cloud` of an object as the viewport shows it: carried by the core where its modifier is off for that."""
     carries = _carries(owner) if _is_off(owner) else None
     return cloud if carries is None else carries.posed(cloud, data)
 
 
 def carried_places(owner: bpy.types.Object, data: bpy.types.PointCloud) -> np.ndarray:
-    """(n,3) places of an object's evaluated points as the viewport shows them."""
+    """Return (n,3) places of an object's evaluated points as the viewport shows them."""
     carries = _carries(owner) if _is_off(owner) else None
     rows = None if carries is None else carries.rows_of(data)
     return read_attribute(data, "position") if carries is None or rows is None else carries.now().means[rows]
@@ -172,7 +172,7 @@ def look() -> float:
 
 
 def _viewports() -> list[bpy.types.SpaceView3D]:
-    """The 3D viewports of all windows."""
+    """Return the 3D viewports of all windows."""
     return [
         area.spaces.active
         for window in bpy.context.window_manager.windows
@@ -190,19 +190,19 @@ def _hide_outlines() -> None:
 
 
 def _modal_operators() -> list[str]:
-    """Names of the operators that follow the mouse at present."""
+    """Return the names of the operators that follow the mouse at present."""
     return [operator.bl_idname for window in bpy.context.window_manager.windows for operator in window.modal_operators]
 
 
 def _is_moving() -> bool:
-    """True if an animation plays, somebody scrubs, or transforms an object."""
+    """Return True if an animation plays, somebody scrubs, or transforms an object."""
     screens = [window.screen for window in bpy.context.window_manager.windows]
     moves = any(screen.is_animation_playing or screen.is_scrubbing for screen in screens)
     return moves or any(name.startswith("TRANSFORM_OT") for name in _modal_operators())
 
 
 def _is_selecting() -> bool:
-    """True if somebody selects objects in a viewport at present, or is about to."""
+    """Return True if somebody selects objects in a viewport at present, or is about to."""
     return time.monotonic() - _pressed < PAUSE or any("_OT_select" in name for name in _modal_operators())
 
 
@@ -240,7 +240,7 @@ class F4X_OT_watch_clicks(Reporting, bpy.types.Operator):  # noqa: N801 - Blende
 
 
 def _in_viewport(context: bpy.types.Context, event: bpy.types.Event) -> bool:
-    """True if the mouse is over a 3D viewport."""
+    """Return True if the mouse is over a 3D viewport."""
     return any(
         0 <= event.mouse_x - area.x < area.width and 0 <= event.mouse_y - area.y < area.height
         for area in context.window.screen.areas

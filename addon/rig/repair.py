@@ -198,7 +198,7 @@ def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
 
 
 def _nodes_below(root: bpy.types.Object, original: bpy.types.Object) -> list[bpy.types.Object]:
-    """The nodes of a copied scene: those that were copied with it, and copies of the rest, hidden ones for example."""
+    """Return the nodes of a copied scene: those that were copied with it, and copies of the rest, hidden ones for example."""
     copied = {item[NODE]: item for item in root.children if NODE in item}
     actions: dict[bpy.types.Action, bpy.types.Action] = {}
     for id, item in nodes_of(original).items():
@@ -215,7 +215,7 @@ def _nodes_below(root: bpy.types.Object, original: bpy.types.Object) -> list[bpy
 
 
 def _copy_below(root: bpy.types.Object, original: bpy.types.Object, helper: bpy.types.Object) -> bpy.types.Object:
-    """The helper of a copied scene, copied here unless the user did it."""
+    """Return the helper of a copied scene, copied here unless the user did it."""
     number = _helpers(original).index(helper)
     there = _helpers(root)
     if len(there) == len(_helpers(original)):
@@ -237,7 +237,7 @@ def _sockets(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
 
 
 def used_by(item: bpy.types.Object) -> set[bpy.types.ID | None]:
-    """Collections and objects that the trees of an object use."""
+    """Return the collections and objects that the trees of an object use."""
     return {socket.default_value for modifier in _trees(item) for socket in _sockets(modifier.node_group)}
 
 
@@ -251,7 +251,7 @@ def _swap_all(item: bpy.types.Object, swaps: dict) -> None:
 
 
 def _helpers(root: bpy.types.Object) -> list[bpy.types.Object]:
-    """The helper meshes of a scene, the pairs first."""
+    """Return the helper meshes of a scene, the pairs first."""
     meshes = [item for item in root.children if item.type == "MESH" and "node_id" in item.data.attributes]
     return sorted(meshes, key=lambda item: "reference" not in item.data.attributes)
 
@@ -263,18 +263,18 @@ def _order(root: bpy.types.Object) -> str:
 
 
 def _is_in_order(root: bpy.types.Object) -> bool:
-    """True if the places of the nodes are those that were worked out last."""
+    """Return True if the places of the nodes are those that were worked out last."""
     order = _order(root)
     return root.get(ORDER) == order and all(mesh.get(ORDER) == order for mesh in _own_meshes(root))
 
 
 def _own_meshes(root: bpy.types.Object) -> list[bpy.types.Mesh]:
-    """The helper meshes that are not another file's."""
+    """Return the helper meshes that are not another file's."""
     return [helper.data for helper in _helpers(root) if helper.data.library is None]
 
 
 def _in_order(collection: bpy.types.Collection) -> list[str]:
-    """Names of what is in a collection, in the order in which the node Collection Info reads it."""
+    """Return the names of what is in a collection, in the order in which the node Collection Info reads it."""
     return sorted([*collection.objects.keys(), *collection.children.keys()], key=_Natural)
 
 

@@ -46,7 +46,7 @@ MIN_GROUP_SIZE = 2
 
 
 def layer_of(root: bpy.types.Object) -> bpy.types.LayerCollection | None:
-    """The nodes of a scene in the current view layer, with the switch that hides their empties; None where it has none."""
+    """Return the nodes of a scene in the current view layer, with the switch that hides their empties; None where it has none."""
     collection, layers = root.get(NODES), [bpy.context.view_layer.layer_collection]
     while collection is not None and layers:
         layer = layers.pop()
@@ -57,13 +57,13 @@ def layer_of(root: bpy.types.Object) -> bpy.types.LayerCollection | None:
 
 
 def poses_of(scaffold: Scaffold, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The poses (xyz (T,M,3), quat (T,M,4)) at clip frames, neighbours in time on one hemisphere."""
+    """Return the poses (xyz (T,M,3), quat (T,M,4)) at clip frames, neighbours in time on one hemisphere."""
     poses = [node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, float(frame)) for frame in frames]
     return np.stack([xyz for xyz, _ in poses]), quaternion.align_sequence(np.stack([quat for _, quat in poses]))
 
 
 def add_nodes(name: str, curves: Scaffold, frames: np.ndarray, collection, root) -> bpy.types.Collection:
-    """A collection with an empty for each node. Keyed at every clip frame, also at held-out ones: linear between keys then
+    """Return a collection with an empty for each node. Keyed at every clip frame, also at held-out ones: linear between keys then
     agrees with the core at whole frames."""
     nodes = bpy.data.collections.new(f"{name} nodes")
     collection.children.link(nodes)
@@ -77,7 +77,7 @@ def add_nodes(name: str, curves: Scaffold, frames: np.ndarray, collection, root)
 
 
 def add_graph(name: str, curves: Scaffold, nodes: bpy.types.Collection, collection, root) -> bpy.types.Object:
-    """The graph's edges as a hidden mesh whose corners follow the nodes."""
+    """Return the graph's edges as a hidden mesh whose corners follow the nodes."""
     mesh = bpy.data.meshes.new(f"{name} graph")
     mesh.from_pydata(curves.xyz[0].tolist(), curves.edges.tolist(), [])
     write_attribute(mesh, "node", "INT", np.arange(len(curves.ids)))
@@ -90,7 +90,7 @@ def add_graph(name: str, curves: Scaffold, nodes: bpy.types.Collection, collecti
 
 
 def nodes_of(root: bpy.types.Object) -> dict[int, bpy.types.Object]:
-    """The empties of the nodes by the ids of the nodes, without missing ones and without copies."""
+    """Return the empties of the nodes by the ids of the nodes, without missing ones and without copies."""
     collection = root.get(NODES)  # a .blend of an older version has none
     if collection is None and not any(FIRST_PAIR in cloud.data.attributes for cloud in SceneObject(root).clouds):
         return {}  # nothing moves; an artist may have hung another scene's nodes there
@@ -101,7 +101,7 @@ def nodes_of(root: bpy.types.Object) -> dict[int, bpy.types.Object]:
 
 
 def all_nodes(root: bpy.types.Object, ids: np.ndarray) -> list[bpy.types.Object]:
-    """The empties of the nodes `ids (M,)`. Raises F4xError if one is missing."""
+    """Return the empties of the nodes `ids (M,)`. Raises F4xError if one is missing."""
     found = nodes_of(root)
     missing = sum(id not in found for id in ids.tolist())
     if missing:
@@ -113,7 +113,7 @@ def all_nodes(root: bpy.types.Object, ids: np.ndarray) -> list[bpy.types.Object]
 def read_poses(
     root: bpy.types.Object, items: Sequence[bpy.types.Object | None], frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The poses (xyz (T,n,3), quat (T,n,4)) float64 of `items` at clip frames in the scene's frame, as Blender evaluates them."""
+    """Return the poses (xyz (T,n,3), quat (T,n,4)) float64 of `items` at clip frames, in the scene's frame, as Blender has them."""
     scene, present = bpy.context.scene, bpy.context.scene.frame_current_final
     shown_at = timing_of(root).frames_of(frames)
     xyz, quat = np.zeros((len(frames), len(items), 3)), np.zeros((len(frames), len(items), 4))
@@ -132,7 +132,7 @@ def set_frame(scene: bpy.types.Scene, frame: float) -> None:
 
 
 def poses_now(root: bpy.types.Object, items: Sequence[bpy.types.Object | None]) -> tuple[np.ndarray, np.ndarray]:
-    """The poses (xyz (n,3), quat (n,4)) float64 of `items` at the current frame in the scene's frame, as last evaluated.
+    """Return the poses (xyz (n,3), quat (n,4)) float64 of `items` at the current frame in the scene's frame, as last evaluated.
 
     None stands for Blender's world: the parent of a node whose own one an artist took away.
     """

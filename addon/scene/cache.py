@@ -65,7 +65,7 @@ _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
 
 def look_at(path: Path) -> SceneFile:
-    """Content of a scene or splat file, from its header; read anew only when the file has changed."""
+    """Return the content of a scene or splat file, from its header; read anew only when the file has changed."""
     try:
         found = path.stat()
     except OSError as error:
@@ -96,7 +96,7 @@ def _look_at_splats(path: Path, stamp: tuple[int, int]) -> SceneFile:
 
 
 def displayed(path: Path, text: str) -> Display:
-    """The scene of a file with the stack that `text` describes in place of its own; F4xError where the file is gone."""
+    """Return the scene of a file with the stack that `text` describes in place of its own; F4xError where the file is gone."""
     arrays = look_at(path).arrays
     base = str(path), arrays, NO_EDITS
     if base not in _scenes:
@@ -114,7 +114,7 @@ def displayed_linear(path: Path, text: str) -> Display:
 
 
 def _with_edits(base: tuple[str, str, str], wanted: tuple[str, str, str], text: str) -> Display:
-    """The kept scene `base` with the stack that `text` describes, kept as `wanted`; what was used longest ago is dropped."""
+    """Return the kept scene `base` with the stack that `text` describes, kept as `wanted`; what was used longest ago is dropped."""
     if wanted not in _scenes:
         _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, stack_from(text, base[0]))))
     for key in (base, wanted):
@@ -125,7 +125,7 @@ def _with_edits(base: tuple[str, str, str], wanted: tuple[str, str, str], text: 
 
 
 def opened(path: Path) -> Scene:
-    """The scene of a `.f4x` or splat file with the file's edits, which is read here; `displayed` then knows it without them.
+    """Return the scene of a `.f4x` or splat file with the file's edits, which is read here; `displayed` then knows it without them.
 
     Raises F4xError for a missing, damaged or unsuitable file.
     """
@@ -144,7 +144,7 @@ def text_of(stack: EditStack) -> str:
 
 @lru_cache(maxsize=16)
 def stack_from(text: str, owner: str) -> EditStack:
-    """The stack that `text` describes; F4xError, which names the `owner`, where it is damaged. Every row of a list asks for it."""
+    """Return the stack that `text` describes; F4xError, which names the `owner`, if it is damaged. Every row of a list asks."""
     try:
         return EditStack.from_json(json.loads(text), owner)
     except ValueError as error:

@@ -59,11 +59,11 @@ class Timing:
     """Clip frames per frame of the timeline."""
 
     def times_at(self, frames: np.ndarray) -> np.ndarray:
-        """The clip frames that are shown at frames of the timeline; they may lie outside the clip."""
+        """Return the clip frames that are shown at frames of the timeline; they may lie outside the clip."""
         return self.first + (np.asarray(frames, float) - self.start) * self.rate
 
     def frames_of(self, times: np.ndarray) -> np.ndarray:
-        """The frames of the timeline at which clip frames are shown."""
+        """Return the frames of the timeline at which clip frames are shown."""
         return self.start + (np.asarray(times, float) - self.first) / self.rate
 
 
@@ -110,17 +110,17 @@ def rate_between(clip_fps: float, scene: bpy.types.Scene) -> float:
 
 
 def is_still(root: bpy.types.Object) -> bool:
-    """True for a scene of one moment, such as splats of another program."""
+    """Return True for a scene of one moment, such as splats of another program."""
     return root.get(FIRST) is not None and root[FIRST] == root[LAST]
 
 
 def timing_of(root: bpy.types.Object) -> Timing:
-    """The timing of a scene; a .blend of an older version has none, and shows clip frame n at frame n."""
+    """Return the timing of a scene; a .blend of an older version has none, and shows clip frame n at frame n."""
     return Timing(*(float(root.get(name, default)) for name, default in ((FIRST, 0), (START, 0), (RATE, 1))))
 
 
 def time_of(root: bpy.types.Object, depsgraph: bpy.types.Depsgraph | None = None) -> float:
-    """The clip frame that a scene shows now, not clamped to the clip; `depsgraph`: what evaluates it, where that is a render."""
+    """Return the clip frame that a scene shows now, not clamped to the clip; `depsgraph`: of a render that evaluates it."""
     time = _exact_time(root, depsgraph)
     return float(round(time)) if abs(time - round(time)) < ROUNDING else time
 
@@ -137,7 +137,7 @@ def _exact_time(root: bpy.types.Object, depsgraph: bpy.types.Depsgraph | None) -
 
 
 def follows_timeline(root: bpy.types.Object) -> bool:
-    """True if Time follows the timeline: no artist has keyed, driven or stopped it."""
+    """Return True if Time follows the timeline: no artist has keyed, driven or stopped it."""
     driver = root.animation_data.drivers.find(_path(TIME)) if root.animation_data else None
     return TIME not in root or (driver is not None and driver.driver.expression == FOLLOWING and not driver.mute)
 
@@ -172,7 +172,7 @@ def _place_keys(root: bpy.types.Object) -> None:
 
 
 def _moved(root: bpy.types.Object, placed: tuple[float, float]) -> Callable[[np.ndarray], np.ndarray]:
-    """A function that moves frames from where start and rate `placed` put them to where the timing of a root does."""
+    """Return a function that moves frames from where start and rate `placed` put them to where the timing of a root does."""
     old, new = Timing(root[FIRST], *placed), timing_of(root)
     return lambda frames: new.frames_of(_snapped(old.times_at(frames)))
 
@@ -289,7 +289,7 @@ def _drive(
 
 
 def _new_driver(drivers, path: str, index: int) -> bpy.types.FCurve:
-    """A driver without keys: Blender gives it two, which would change its value."""
+    """Return a driver without keys: Blender gives it two, which would change its value."""
     curve = drivers.new(path, index=index)
     while curve.keyframe_points:
         curve.keyframe_points.remove(curve.keyframe_points[0], fast=True)
@@ -328,7 +328,7 @@ def _snapped(times: np.ndarray) -> np.ndarray:
 
 
 def _datablocks(root: bpy.types.Object) -> list[bpy.types.ID]:
-    """The objects below a root and their data; not those of another scene that hangs there."""
+    """Return the objects below a root and their data; not those of another scene that hangs there."""
     below = root.children_recursive
     others = {part for item in below if TIME in item for part in (item, *item.children_recursive)}
     mine = [item for item in below if item not in others]
@@ -336,12 +336,12 @@ def _datablocks(root: bpy.types.Object) -> list[bpy.types.ID]:
 
 
 def _animated(root: bpy.types.Object) -> list[bpy.types.ID]:
-    """Objects and data with an action below a root."""
+    """Return the objects and data with an action below a root."""
     return [item for item in _datablocks(root) if item.animation_data and item.animation_data.action]
 
 
 def _own_curves(root: bpy.types.Object) -> list[bpy.types.FCurve]:
-    """The F-curves of everything below a root, in actions of its own: copies share them at first."""
+    """Return the F-curves of everything below a root, in actions of its own: copies share them at first."""
     animated = _animated(root)
     users: dict[bpy.types.Action, list[bpy.types.ID]] = {}
     for item in animated:
@@ -359,13 +359,13 @@ def _own_curves(root: bpy.types.Object) -> list[bpy.types.FCurve]:
 
 
 def _time_curve(root: bpy.types.Object) -> bpy.types.FCurve | None:
-    """The keys of Time."""
+    """Return the keys of Time."""
     curves = curves_of(root)
     return None if curves is None else curves.find(_path(TIME))
 
 
 def _is_own(root: bpy.types.Object) -> bool:
-    """True if a root is not another file's."""
+    """Return True if a root is not another file's."""
     return root.library is None and root.override_library is None
 
 

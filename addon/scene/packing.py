@@ -34,7 +34,7 @@ def pack(root: bpy.types.Object, path: Path) -> None:
 
 
 def unpacked(root: bpy.types.Object) -> Path | None:
-    """A file with what was packed for `root`; None if nothing was."""
+    """Return a file with what was packed for `root`; None if nothing was."""
     image = root.get(PACKED)
     if image is None or image.packed_file is None:
         return None

@@ -71,7 +71,7 @@ def keep_back_previews(why: str, on: bool) -> None:
 
 
 def root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
-    """The root of the scene that `item` is a part of; None where it is of none."""
+    """Return the root of the scene that `item` is a part of; None where it is of none."""
     while item is not None and PATH not in item:
         item = item.parent
     return item
@@ -86,7 +86,7 @@ class SceneObject:
 
     @classmethod
     def of(cls, item: bpy.types.Object | None) -> SceneObject | None:
-        """The scene that `item` is a part of; where it is of none, the only one that there is."""
+        """Return the scene that `item` is a part of; where it is of none, the only one that there is."""
         root = root_of(item)
         if root is not None:
             return cls(root)
@@ -95,7 +95,7 @@ class SceneObject:
 
     @classmethod
     def among(cls, objects: Iterable[bpy.types.Object]) -> list[SceneObject]:
-        """The scenes whose roots are among `objects`."""
+        """Return the scenes whose roots are among `objects`."""
         return [cls(item) for item in objects if PATH in item]
 
     @property
@@ -195,7 +195,7 @@ class SceneObject:
         return stack
 
     def with_reading(self) -> EditStack:
-        """The pending stack with the reading of the sentence that is picked in the panel."""
+        """Return the pending stack with the reading of the sentence that is picked in the panel."""
         state, stack = self.state, self.stack
         if 0 <= state.reading_index < len(state.readings):
             for number, data in enumerate(json.loads(state.readings[state.reading_index].operations), 1):
@@ -322,7 +322,7 @@ class SceneObject:
             yield cloud, at, row[at]
 
     def read(self, name: str) -> np.ndarray:
-        """(N,) values of a point attribute by Gaussian; 0 without a point. Points of the separate cloud take precedence."""
+        """Return (N,) values of a point attribute by Gaussian; 0 without a point. Points of the separate cloud take precedence."""
         values = np.zeros(len(self.shown.scene.ids), np.float32 if name == SCORE else bool)
         for cloud, at, row in self.points():
             found = read_attribute(cloud.data, name)
@@ -398,7 +398,7 @@ class SceneObject:
         self.root[SAVED] = _synced[self.root.session_uid] = text
 
     def _display(self, text: str) -> Display:
-        """The scene with the stack that `text` describes; F4xError where the file is gone or holds other Gaussians."""
+        """Return the scene with the stack that `text` describes; F4xError where the file is gone or holds other Gaussians."""
         return cache.displayed(self._checked_path(), text)
 
     def check_file(self) -> None:
@@ -406,7 +406,7 @@ class SceneObject:
         self._checked_path()
 
     def _checked_path(self) -> Path:
-        """The scene file; F4xError unless its Gaussians are those that were imported."""
+        """Return the scene file; F4xError unless its Gaussians are those that were imported."""
         path = self.path
         file = cache.look_at(path)
         known = (file.gaussians, file.arrays)  # the second is in a .blend of an older version
@@ -433,7 +433,7 @@ def forget() -> None:
 
 @lru_cache(maxsize=cache.KEPT)
 def _saving(pending: str, met: str, file: str) -> str:
-    """The label for three stacks: pending, in the file when the scene met it, in the file now; panels are drawn often."""
+    """Return the label for three stacks: pending, in the file when the scene met it, in the file now; panels are drawn often."""
     if pending == met:
         return "Load Edits from Scene File"
     ours, theirs = (set(EditStack.from_json(json.loads(text), "edits").edits) for text in (pending, met))

@@ -19,7 +19,7 @@ from . import clip_time
 
 
 def tints_of(scene: Scene) -> np.ndarray | None:
-    """(M,K,3) int8 tints of the M Gaussians of the base at K knots, static ones first; None where colors stay."""
+    """Return (M,K,3) int8 tints of the M Gaussians of the base at K knots, static ones first; None where colors stay."""
     return None if scene.tints is None else np.concatenate(scene.tints.parts)
 
 
@@ -47,12 +47,12 @@ def add_tints(root: bpy.types.Object, item: bpy.types.Object, times: np.ndarray,
 
 
 def are_shown(clouds: list[bpy.types.Object]) -> bool:
-    """True if the point clouds of a scene show its colors over time, or have none."""
+    """Return True if the point clouds of a scene show its colors over time, or have none."""
     return all(modifier.show_render for modifier in _modifiers(clouds))
 
 
 def are_there(clouds: list[bpy.types.Object]) -> bool:
-    """True if point clouds of a scene have colors over time."""
+    """Return True if point clouds of a scene have colors over time."""
     return bool(_modifiers(clouds))
 
 

@@ -13,7 +13,7 @@ from ..rig.native_motion import carried_places
 from ..scene.scene_object import PREVIEW, SELECTED, SceneObject
 
 COLOUR = (1.0, 0.05, 0.6, 0.3)
-"""Not the orange in which Blender outlines objects, and rare in pictures; what the points look like shows through."""
+"""Pink: rare in pictures, unlike the orange in which Blender outlines objects; the points' own color shows through."""
 SIZE = 2.0
 """Pixels of a point at a scale of 1."""
 
@@ -50,7 +50,7 @@ def _draw() -> None:
 def _batch(
     cloud: bpy.types.Object, data: bpy.types.PointCloud, shader: gpu.types.GPUShader
 ) -> gpu.types.GPUBatch | None:
-    """The selected points of an evaluated cloud; None where there are none."""
+    """Return the selected points of an evaluated cloud; None where there are none."""
     chosen = read_attribute(data, SELECTED)
     if chosen is None or not chosen.any():
         return None

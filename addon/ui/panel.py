@@ -24,7 +24,7 @@ LEVELS = "▁▂▃▄▅▆▇█"
 
 
 def _bars(counts: list[int]) -> str:
-    """A histogram as one line of text. Heights are square roots, because most Gaussians have a score near 0."""
+    """Return a histogram as one line of text. Heights are square roots, because most Gaussians have a score near 0."""
     highest = max(counts, default=0) or 1
     return "".join(LEVELS[round((count / highest) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
 

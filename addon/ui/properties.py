@@ -27,7 +27,7 @@ OFFERED = ("what moves", "what stands still", "everything", "nothing")
 
 
 def _complete(self, context, typed: str) -> list[str]:
-    """Labels of the scene's vocabulary that contain the last word typed."""
+    """Return the labels of the scene's vocabulary that contain the last word typed."""
     try:
         labels = labels_of(SceneObject(self.id_data).base)
     except F4xError:
@@ -77,7 +77,7 @@ def _said(self, context) -> None:
 
 
 def _words_of_edit(self) -> str:
-    """The edit of a row in words, along Blender's axes where the scene is placed now; empty for an edit that is gone."""
+    """Return the edit of a row in words, along Blender's axes where the scene is placed now; empty for an edit that is gone."""
     scene_object = SceneObject(self.id_data)
     edits = [edit for edit in scene_object.stack.edits if edit.id == self.edit_id]
     return display.words_of(edits[0].operation, scene_object.axes) if edits else ""

@@ -16,7 +16,7 @@ COLOUR, HIGHLIGHT = (1.0, 0.6, 0.1), (1.0, 0.8, 0.4)
 
 
 def _circles() -> list[tuple[float, float, float]]:
-    """Ends of the lines of three circles of radius 1, around each axis."""
+    """Return the ends of the lines of three circles of radius 1, around each axis."""
     angles = [2 * math.pi * i / ROUND for i in range(ROUND + 1)]
     flat = [(math.cos(angle), math.sin(angle), 0.0) for angle in angles]
     lines = [end for pair in pairwise(flat) for end in pair]

@@ -1,1 +1,1 @@
-"""How well: answers, masks, edits and motion against what is true."""
+"""Quality of answers, masks, edits and motion against the truth."""

@@ -1,4 +1,4 @@
-"""How well edits do: against true masks, over time, from a sentence to the file, and with a language model that fails."""
+"""Scores edits: against true masks, over time, from a sentence to the file, and with a language model that fails."""
 
 from __future__ import annotations
 
@@ -60,14 +60,13 @@ def benchmark(
     masks: Mapping[int, np.ndarray] | None = None,
     label: str | None = None,
     encode: Encode | None = None,
-    backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """All figures of the scene file at `path`; `masks` (clip frame -> (H,W) bool) show what `label` names."""
     scene = open_scene(path)
     thing = f"the {label}" if label else "what moves"
-    report: dict[str, Any] = {"scene": scene.name} | time_sentence(path, f"make {thing} red", encode, backend)
-    report["still_flicker"] = measure_flicker(scene, backend)
+    report: dict[str, Any] = {"scene": scene.name} | time_sentence(path, f"make {thing} red", encode)
+    report["still_flicker"] = measure_flicker(scene)
     if masks is not None:
         filled = [frame for frame, mask in masks.items() if mask.any()]
         if not filled:
@@ -77,8 +76,8 @@ def benchmark(
         views = [
             (scene.cameras[t], float(scene.cameras.times[t]), mask, np.ones_like(mask)) for t, mask in shown.items()
         ]
-        for name, selection in prompted(scene, masks[first], first, label, encode, backend, progress).items():
-            rows = measure_edit(scene, selection, views, backend=backend, progress=progress)
+        for name, selection in prompted(scene, masks[first], first, label, encode, progress).items():
+            rows = measure_edit(scene, selection, views, progress=progress)
             report |= {f"{name}_{figure}": value for figure, value in rows.items()}
     return report
 
@@ -89,17 +88,15 @@ def prompted(
     frame: int,
     label: str | None = None,
     encode: Encode | None = None,
-    backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, Selection]:
     """Selections by each kind of prompt for the object under the bool `mask (H,W)` on clip frame `frame`.
 
     `mask`: by that mask; `point`: by a click into its middle; `text`: by the word `label`.
     """
-    options: dict[str, Any] = {"backend": backend, "progress": progress}
     found = {
-        "mask": select_by_mask(scene, mask, frame, **options),
-        "point": select_by_points(scene, [innermost(mask)], frame, **options),
+        "mask": select_by_mask(scene, mask, frame, progress=progress),
+        "point": select_by_points(scene, [innermost(mask)], frame, progress=progress),
     }
     if label is not None:
         found["text"] = select_by_text(scene, [label], encode=encode)
@@ -121,7 +118,6 @@ def measure_edit(
     selection: Selection,
     views: Iterable[TrueView],
     edit: str = "recolour",
-    backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, float]:
     """Measure what an edit of `selection` changes in `views`, against the true masks of the thing, where these are known.
@@ -139,11 +135,11 @@ def measure_edit(
         progress(edit, len(rows), 0)
         if not (mask & known).any():
             continue
-        before, after = (render(one, camera, time, ("rgb",), backend)["rgb"] for one in (scene, edited))
+        before, after = (render(one, camera, time, ("rgb",))["rgb"] for one in (scene, edited))
         change = difference(before, after)
         needed: float | np.ndarray = SEEN
         if edit == "recolour":
-            needed = HALF * np.maximum(difference(before, render(dyed, camera, time, ("rgb",), backend)["rgb"]), 1e-3)
+            needed = HALF * np.maximum(difference(before, render(dyed, camera, time, ("rgb",))["rgb"]), 1e-3)
         near = mask
         for _ in range(max(1, round(RIM * camera.width))):
             near = dilate(near)
@@ -157,7 +153,7 @@ def measure_edit(
     return dict(zip(names, map(float, np.mean(rows, 0)), strict=True)) | {"iou_worst": min(row[0] for row in rows)}
 
 
-def measure_flicker(scene: Scene, backend: str = "auto") -> float:
+def measure_flicker(scene: Scene) -> float:
     """`judge.flicker` of the static Gaussians when they are painted, over `WINDOW` frames in the middle of the clip.
 
     Seen through the clip's own cameras; only pixels that stand still in all of them count.
@@ -170,14 +166,14 @@ def measure_flicker(scene: Scene, backend: str = "auto") -> float:
     old, new, static_weights = [], [], []
     for t in frames:
         time = float(cameras.times[t])
-        drawn = render(scene, cameras[t], time, ("rgb",), backend, values={"static": static})
+        drawn = render(scene, cameras[t], time, ("rgb",), values={"static": static})
         old.append(drawn["rgb"])
         static_weights.append(drawn["static"][..., 0])
-        new.append(render(after, cameras[t], time, ("rgb",), backend)["rgb"])
+        new.append(render(after, cameras[t], time, ("rgb",))["rgb"])
     return flicker(np.stack(old), np.stack(new), np.min(static_weights, 0) > 0.9)
 
 
-def time_sentence(path: Path, sentence: str, encode: Encode | None = None, backend: str = "auto") -> dict[str, Any]:
+def time_sentence(path: Path, sentence: str, encode: Encode | None = None) -> dict[str, Any]:
     """Seconds from a sentence to the applied edit in a copy of the scene file at `path`, no model asked."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / path.name
@@ -185,7 +181,7 @@ def time_sentence(path: Path, sentence: str, encode: Encode | None = None, backe
         start = clock.perf_counter()
         scene = read_scene(copy)
         opened = clock.perf_counter()
-        proposal = propose(scene, sentence, EditorState(), encode=encode, backend=backend)
+        proposal = propose(scene, sentence, EditorState(), encode=encode)
         understood = clock.perf_counter()
         apply(copy, proposal.chosen)
         end = clock.perf_counter()

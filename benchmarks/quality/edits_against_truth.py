@@ -1,4 +1,4 @@
-"""How well edits do on the scene of a rendered clip: whom they change, against the true object index, in old and new views."""
+"""Scores edits on the scene of a rendered clip: changed pixels against the true object index, in old and new views."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ def score_edits(
     label: str | None = None,
     *,
     encode: Encode | None = None,
-    backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, float]:
     """Delete and recolour the moving subject of the rendered clip that `scene` was made from, and see what changes.
@@ -48,7 +47,7 @@ def score_edits(
     if not masks:
         raise F4xError(f"{clip.folder}: what moves is in none of the pictures; render another clip.")
     first = min(masks)
-    found = prompted(scene, masks[first], first, label, encode, backend, progress)
+    found = prompted(scene, masks[first], first, label, encode, progress)
     found["moving"] = _whole(scene, scene.moving, "moving")
     found["truth"] = _whole(scene, lift_masks(scene, dict(enumerate(v[2] for v in views["original"])))[0], "truth")
     return {
@@ -57,7 +56,7 @@ def score_edits(
         for edit in EDITS
         for kind, shown in views.items()
         if shown
-        for scores in [measure_edit(scene, selection, shown, edit, backend, progress)]
+        for scores in [measure_edit(scene, selection, shown, edit, progress)]
         for figure in FIGURES
     }
 

@@ -1,4 +1,4 @@
-"""What a word finds in the scene of a rendered clip, against the true object index: in original views and in new ones."""
+"""Scores the selection by a word in the scene of a rendered clip, against the true object index, in original and new views."""
 
 from __future__ import annotations
 
@@ -32,7 +32,6 @@ def score_labels(
     negatives: Sequence[str] | None = None,
     *,
     encode: Encode | None = None,
-    backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, float]:
     """Compare what `label` selects with the moving subject of the rendered clip that `scene` was made from.
@@ -53,22 +52,22 @@ def score_labels(
         rows: list[dict[str, float]] = []
         for view in views(scene, clip):
             progress(f"{kind} labels", len(rows), 0)
-            rows.append(_score(scene, query, selection, view, backend))
+            rows.append(_score(scene, query, selection, view))
         if rows:
             result |= {f"{name}_{kind}": float(np.nanmean([row[name] for row in rows])) for name in rows[0]}
     return result
 
 
-def _score(scene: Scene, query: TextQuery, selection: Selection, view: View, backend: str) -> dict[str, float]:
+def _score(scene: Scene, query: TextQuery, selection: Selection, view: View) -> dict[str, float]:
     """The figures of one view, over its known pixels."""
     camera, time, subject, known = view
     truth = subject[known]
-    best = text_score_map(scene, query, camera, time, backend)
+    best = text_score_map(scene, query, camera, time)
     found = {
-        "selection": coverage_image(scene, selection, camera, time, backend)[known] > 0.5,
+        "selection": coverage_image(scene, selection, camera, time)[known] > 0.5,
         "argmax": ((best.argmax(-1) == 0) & (best[..., 0] > 0))[known],  # 0 where nothing is drawn
     }
-    soft = coverage_image(scene, selection, camera, time, backend, soft=True)[known]
+    soft = coverage_image(scene, selection, camera, time, soft=True)[known]
     scores = {"selection_ap": average_precision(soft, truth), "known_fraction": float(known.mean())}
     for name, mask in found.items():
         scores[f"{name}_accuracy"] = float((mask == truth).mean())

@@ -1,4 +1,4 @@
-"""How well a scene answers: text scores and followed masks against true masks, and what features cost."""
+"""Scores queries of a scene: text scores and followed masks against true masks, and the cost of features."""
 
 from __future__ import annotations
 
@@ -28,10 +28,9 @@ def score_text(
     masks: Mapping[int, np.ndarray],
     label: str,
     encode: Encode | None = None,
-    backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, float]:
-    """How well the query for `label` finds bool `masks` (frame -> (H,W)) in the original views; means over frames with a mask.
+    """Score the query for `label` against bool `masks` (frame -> (H,W)) in the original views; means over frames with a mask.
 
     Average precision: `text_ap` of decoded rendered latents, `text_gaussians_ap` of the selection's composited scores. IoU:
     `text_iou` of the selection, `text_rule_iou` of Feature4X's rule (`score.select`) on decoded rendered latents.
@@ -44,9 +43,9 @@ def score_text(
         if not mask.any():
             continue
         camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
-        scores = text_score_map(scene, query, camera, time, backend)
-        soft = coverage_image(scene, single, camera, time, backend, soft=True)
-        chosen = coverage_image(scene, single, camera, time, backend) > 0.5
+        scores = text_score_map(scene, query, camera, time)
+        soft = coverage_image(scene, single, camera, time, soft=True)
+        chosen = coverage_image(scene, single, camera, time) > 0.5
         ruled = select(scores, 0) & (scores[..., 0] > 0)  # 0 where nothing is drawn
         rows.append(
             (
@@ -61,28 +60,26 @@ def score_text(
     return dict(zip(names, map(float, means), strict=True))
 
 
-def score_following(
-    scene: Scene, masks: Mapping[int, np.ndarray], backend: str = "auto", progress: Progress = silent
-) -> dict[str, float]:
+def score_following(scene: Scene, masks: Mapping[int, np.ndarray], progress: Progress = silent) -> dict[str, float]:
     """IoU of the 4D selection that the first frame's mask gives, in the original view: `follow_iou_T` and their mean."""
     first = min(masks)
-    selection = select_by_mask(scene, masks[first], first, backend=backend, progress=progress)
+    selection = select_by_mask(scene, masks[first], first, progress=progress)
     result = {}
     for frame in sorted({*(t for t in FOLLOWED if t in masks), max(masks)}):
-        weights = coverage_image(scene, selection, scene.cameras[frame], float(scene.cameras.times[frame]), backend)
+        weights = coverage_image(scene, selection, scene.cameras[frame], float(scene.cameras.times[frame]))
         result[f"follow_iou_{frame}"] = overlap(weights > 0.5, masks[frame])
     return result
 
 
-def measure_cost(scene: Scene, backend: str = "auto", repeats: int = 5) -> dict[str, float]:
+def measure_cost(scene: Scene, repeats: int = 5) -> dict[str, float]:
     """Megabytes of file with and without the field, and the milliseconds of a frame: pictures, and each head on its grid."""
     sizes = scene.info()["megabytes"]
     features = sizes.get("features", 0.0)
     plain = sum(sizes.values()) - features
     camera, time = scene.cameras[0], float(scene.cameras.times[0])
-    jobs: dict[str, Callable[[], Any]] = {"rgb": partial(render, scene, camera, time, ("rgb",), backend)}
+    jobs: dict[str, Callable[[], Any]] = {"rgb": partial(render, scene, camera, time, ("rgb",))}
     for name in scene.features.names if scene.features is not None else ():
-        jobs[name] = partial(head_map, scene, name, camera, time, backend)
+        jobs[name] = partial(head_map, scene, name, camera, time)
     took: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
         for name, job in jobs.items():  # interleaved: other load on the machine hits all alike
@@ -97,7 +94,6 @@ def benchmark(
     masks: Mapping[int, np.ndarray],
     label: str | None = None,
     encode: Encode | None = None,
-    backend: str = "auto",
     repeats: int = 5,
     progress: Progress = silent,
 ) -> dict[str, Any]:
@@ -105,5 +101,5 @@ def benchmark(
     report: dict[str, Any] = {"scene": scene.name, "frames": len(masks), "label": label}
     report["follows_by"] = "stand-in" if field_of_looks(scene) is None else LOOKS_ALIKE
     if label is not None:
-        report |= score_text(scene, masks, label, encode, backend, progress)
-    return report | score_following(scene, masks, backend, progress) | measure_cost(scene, backend, repeats)
+        report |= score_text(scene, masks, label, encode, progress)
+    return report | score_following(scene, masks, progress) | measure_cost(scene, repeats)

@@ -1,4 +1,4 @@
-"""How well marks on the first frame select a thing: DAVIS' own measures J and F over all frames of the original view.
+"""Scores selections by marks on the first frame: DAVIS' own measures J and F over all frames of the original view.
 
 Perazzi et al., A benchmark dataset and evaluation methodology for video object segmentation, CVPR 2016: J is the intersection
 over union of regions, F the harmonic mean of precision and recall of their outlines, of which those count as found that lie
@@ -69,7 +69,7 @@ def box_of(mask: np.ndarray) -> tuple[int, int, int, int]:
 
 
 def moving_ones(scene: Scene) -> Selection:
-    """What moves, without shadows and the like: nothing is marked."""
+    """Select the moving objects without shadows and the like; nothing is marked."""
     return Selection(scene.ids, moving_things(scene).astype(float), np.zeros(len(scene.ids), bool))
 
 

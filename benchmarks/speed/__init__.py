@@ -1,1 +1,1 @@
-"""How fast: backends, forms of the deformation, batches, long clips and features, each against its alternatives."""
+"""Times of backends, forms of the deformation, batches, long clips and features, each against its alternatives."""

@@ -1,4 +1,4 @@
-"""What the batch layer costs and gains on this machine: `f4x bench scale`."""
+"""Costs and gains of the batch layer on this machine: `f4x bench scale`."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def measure_ray(folder: Path, repeats: int = 10) -> dict[str, float]:
 
 
 def measure_growth(folder: Path, rows: int = 1000) -> dict[str, float]:
-    """Whether many rows of tasks that do nothing cost more each: seconds a task and memory of the first and the last quarter."""
+    """Measure the growth with many rows of tasks that do nothing: seconds a task and memory of the first and the last quarter."""
     write_stub_clips(folder / "clips", rows)
     store = open_store(str(folder / "out"))
     start = time.perf_counter()

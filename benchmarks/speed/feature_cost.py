@@ -1,4 +1,4 @@
-"""What a feature field costs: nothing in the picture, and time on top of the fit."""
+"""Cost of a feature field: none in the picture, and time on top of the fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the length of a clip costs: `f4x bench scale --long`. Memory, time and seams of one clip played to and fro."""
+"""Cost of a clip's length: `f4x bench scale --long`. Memory, time and seams of one clip played to and fro."""
 
 from __future__ import annotations
 

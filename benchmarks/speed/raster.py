@@ -37,7 +37,7 @@ LATENT, DECODED, LATENT_GAUSSIANS, STRIP = 32, 512, 50_000, 8
 MEMORY_GAUSSIANS, MEMORY_CHANNELS = 200_000, 35
 MEGABYTE = 2**20
 CHECKOUT = Path(__file__).resolve().parents[2]
-"""Where a child process finds this module."""
+"""Folder in which a child process finds this module."""
 PEAK_SECONDS = 0.05
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")
 Draw = Callable[..., "torch.Tensor"]
@@ -81,15 +81,19 @@ def make_wavy_scene(
     return {**tensors, "width": width, "height": height}
 
 
+@dataclass(frozen=True)
+class Cases:
+    """Images to measure: every number of Gaussians with every number of channels and threads."""
+
+    counts: Sequence[int] = (10_000, 50_000)
+    channels: Sequence[int] = (3, 35)
+    threads: Sequence[int] = (1,)
+    width: int = 480
+    height: int = 270
+
+
 def benchmark(
-    counts: Sequence[int] = (10_000, 50_000),
-    channels: Sequence[int] = (3, 35),
-    threads: Sequence[int] = (1,),
-    width: int = 480,
-    height: int = 270,
-    backends: Sequence[str] | None = None,
-    repeats: int = 5,
-    progress: Progress = silent,
+    cases: Cases, backends: Sequence[str] | None = None, repeats: int = 5, progress: Progress = silent
 ) -> dict[str, Any]:
     """Measure every backend that runs here, all of them in turn `repeats` times, so that a ratio compares like with like.
 
@@ -110,12 +114,12 @@ def benchmark(
         except F4xError as error:
             skipped[name] = str(error)
     errors = {name: _measure_error(name) for name in names}
-    cases = [(n, c) for n in counts for c in channels]
+    sizes = [(n, c) for n in cases.counts for c in cases.channels]
     timings = []
-    for done, (n, c) in enumerate(cases):
-        progress("bench raster", done, len(cases), f"{n:,} Gaussians, {c} channels")
-        scene = make_wavy_scene(n, c, width, height)
-        variants = [(name, t) for name in names for t in threads]
+    for done, (n, c) in enumerate(sizes):
+        progress("bench raster", done, len(sizes), f"{n:,} Gaussians, {c} channels")
+        scene = make_wavy_scene(n, c, cases.width, cases.height)
+        variants = [(name, t) for name in names for t in cases.threads]
         seconds, peak = _measure_times(scene, variants, repeats)
         for (name, t), (forward, train) in zip(variants, seconds, strict=True):
             row = {"backend": name, "gaussians": n, "channels": c, "threads": t}
@@ -124,8 +128,8 @@ def benchmark(
                 row |= _measure_work(scene, t * peak * train)
             timings.append(row)
     return {
-        "width": width,
-        "height": height,
+        "width": cases.width,
+        "height": cases.height,
         "timings": timings,
         "ratios": _ratios(timings),
         "errors": errors,
@@ -136,7 +140,7 @@ def benchmark(
 def compare_decoding(
     gaussians: int = LATENT_GAUSSIANS, width: int = 480, height: int = 270, repeats: int = 5, backend: str = "auto"
 ) -> dict[str, float]:
-    """What a latent saves: `DECODED` channels rendered against `LATENT` channels rendered and decoded per pixel.
+    """Measure the savings by a latent: `DECODED` channels rendered against `LATENT` channels rendered and decoded per pixel.
 
     Both forward and backward on one thread, the decoder is one linear layer.
 
@@ -208,7 +212,7 @@ def _peak_memory() -> float:
 
 
 def measure_thread_ceiling(threads: int = 2, seconds: float = 0.3) -> float | None:
-    """How much faster `threads` independent loops of multiply-adds run than one: the most that threads can gain here.
+    """Return the speed-up of `threads` independent loops of multiply-adds over one: the most that threads can gain here.
 
     2 on two cores, little above 1 on two hardware threads of one core. None without the native library.
     """

@@ -1,1 +1,1 @@
-"""What the report measures: a module a group of questions, and the worlds, protocols and published rows that they share."""
+"""Studies of the report: a module for each group of questions, and the worlds, protocols and published rows that they share."""

@@ -97,7 +97,7 @@ QUICK: Mapping[tuple[str, str], Sequence[str]] = {
     ("articulated", NOISY): (WHOLE, "no ARAP", "no track loss"),
     ("rolling", TRUE): (WHOLE, LINEAR, "rotations start as identity"),
 }
-"""What a quick report fits."""
+"""Ablations of a quick report."""
 
 
 def study_ablations(context: Context) -> Findings:

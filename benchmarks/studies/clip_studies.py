@@ -17,7 +17,7 @@ from ..halves import REAL, RENDERED, in_order
 from ..study import Context, Findings, MissingError, Row, Table
 
 WORDS = {"blackswan": "swan", "car-shadow": "car", "camel": "camel", "dog": "dog"}
-"""What the masks of a clip show, by the clip's name; another clip's masks show what the clip is called."""
+"""Clip -> word for the thing that its masks show; for another clip it is the clip's name."""
 PROFILES = ("quick", "wild")
 ASKED = "wild"
 """Profile whose scenes are asked and edited."""
@@ -289,7 +289,7 @@ def _timed(rows: Sequence[Row]) -> tuple[str, ...]:
 
 
 def _reached(rows: Sequence[Row], prompt: str) -> str:
-    """Which clips reach the goals with a prompt, and which do not."""
+    """Return a sentence about the clips that miss the goals with a prompt."""
     missed = [
         f"{row['clip']} (IoU {row[f'{prompt}: IoU']:.2f}, leakage {row[f'{prompt}: leakage']:.3f})"
         for row in rows

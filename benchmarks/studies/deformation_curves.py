@@ -20,10 +20,10 @@ from .rigid_mean import rigid_mean
 NODES, SIDE = 200, 1.0
 """Nodes lie within `SIDE` of the origin in each direction; the scene's median depth is 1."""
 SLIDE = 0.2
-"""How far nodes shift beside their turn, world units."""
+"""Shift of nodes beside their turn, world units."""
 DEGREES, PLACE = "rotation rms (deg)", "position rms"
 USUAL = 40.0
-"""How far neighbours turn at most, in degrees, where something else varies."""
+"""Largest turn of neighbours, in degrees, where something else varies."""
 COUNTS, IMPLEMENTED = (3000, 30_000), ((10_000,), (50_000, 100_000))
 """Gaussians of a quick and of a full report."""
 NEIGHBOURS, SPREADS = ((2, 8), (1, 2, 4, 8, 16)), ((10.0, 80.0), (5.0, 10.0, 20.0, 80.0))
@@ -79,7 +79,7 @@ def blend_unaligned(c: Carried) -> Poses:
 
 
 def blend_aligned(c: Carried) -> Poses:
-    """What scenes are posed by: dual quaternions on the hemisphere of the attach node's."""
+    """Blend as scenes do: dual quaternions on the hemisphere of the attach node's."""
     return pose.compose(*blend(c.table, c.index, c.weights, np.ones(1, c.weights.dtype)), c.quats, c.means)
 
 

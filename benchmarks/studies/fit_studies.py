@@ -29,7 +29,7 @@ from .toy_fits import (
 from .toy_worlds import make_world
 
 WORLD = "two movers"
-"""What is fitted: two rigid movers need a scaffold, and the camera moves."""
+"""World that is fitted: two rigid movers need a scaffold, and the camera moves."""
 QUICK_FRACTION, MIN_STEPS = 1 / 50, 20
 """Of a profile's steps in a quick report."""
 QUICK_COUNTS, FULL_COUNTS = (50, 100, 200, 400), (150, 300, 600, 1200, 2400, 4800)

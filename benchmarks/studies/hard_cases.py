@@ -21,8 +21,8 @@ from typing import Literal
 from f4x_core.errors import F4xError
 
 Outcome = Literal["right", "told", "refused", "known limit", "wrong"]
-"""What became of it: the right answer; one that is not, with the reason said; no answer but a sentence; not right, as the
-catalogue says it has to be expected; or a wrong answer without a word."""
+"""Result of a case: the right answer; a wrong one, with the reason said; no answer but a sentence; a wrong one that the
+catalogue expects; or a wrong answer without a word."""
 OUTCOMES: tuple[Outcome, ...] = ("right", "told", "refused", "known limit", "wrong")
 STAGES = ("raster", "deformation", "scaffold", "losses", "priors", "clip", "scene", "query", "fit")
 LAYOUT = re.compile(
@@ -35,7 +35,7 @@ class Check:
     """One thing that was tried, and what came of it."""
 
     what: str
-    """What must hold."""
+    """Statement that must hold."""
     outcome: Outcome
     by: str = ""
     """Backend or form that was tried."""
@@ -87,11 +87,11 @@ class Case:
     stage: str
     title: str
     hard: str
-    """What is hard about it."""
+    """Difficulty of the case."""
     why: str
-    """What goes wrong where nobody took care."""
+    """Failure of programs that take no care."""
     must: str
-    """What must hold."""
+    """Statement that must hold."""
     slow: bool
     long: bool
     """Minutes: a quick report leaves it out."""

@@ -1,4 +1,4 @@
-"""How wide the latent must be, and whether the scene's own features save the teacher's look at rendered pictures."""
+"""Studies of the latent's width, and of the scene's own features in place of the teacher's look at rendered pictures."""
 
 from __future__ import annotations
 

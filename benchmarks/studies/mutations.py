@@ -38,7 +38,7 @@ COPIED = (
     *("pyproject.toml", "__init__.py", "README.md"),
 )
 ROOMS = ("fit", "gaussians", "scaffold", "priors", "query", "metrics", "windows")
-"""Where a wrong formula makes a worse scene that nobody sees is wrong."""
+"""Rooms in which a wrong formula makes a worse scene that nobody sees is wrong."""
 DRAWN = 60
 """Mutants a room: at 5 % survivors the fraction is known to 3 % (one standard deviation)."""
 MAX_SURVIVORS = 0.05

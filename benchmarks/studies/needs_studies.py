@@ -1,4 +1,4 @@
-"""What a scene needs: what was chosen, what it cost, and what the next smaller and the next larger choice would have been."""
+"""Studies of a scene's needs: the choices, their cost, and results of the next smaller and the next larger choice."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ QUICK_CHOICES: Mapping[str, tuple[str, ...]] = {
     "view-dependent": (DEGREE,),
     "feature-rich": (WIDTH,),
 }
-"""What a quick report varies; a full one varies everything everywhere."""
+"""World -> settings that a quick report varies; a full one varies everything everywhere."""
 KNEE = {"dB": 0.3, "%": 1.0}
 """A choice sits at the knee when the next smaller one loses at least so much and the next larger one gains less."""
 AT_THE_KNEE, LARGER_PAYS, SMALLER_DOES, UNDECIDED = (

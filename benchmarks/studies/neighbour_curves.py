@@ -1,4 +1,4 @@
-"""Who is near whom: speed against error of the searches that the scaffold is built with, exact and sampled."""
+"""Speed against error of the neighbour searches that the scaffold is built with, exact and sampled."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def _unit_rows(frames: int, points: int, context: Context) -> list[Row]:
 
 
 def measure_curve_distance(context: Context) -> Findings:
-    """How far two trajectories ever get apart: all frames and some, float64 and float32, block sizes."""
+    """Measure the distance of curves, the most that two trajectories get apart: all frames and some, dtypes, block sizes."""
     frames, nodes = context.choose(*CURVES)
     rows = context.step("curves", partial(_curve_rows, frames, nodes, context), frames=frames, nodes=nodes)
     bars = time_columns()[1:]

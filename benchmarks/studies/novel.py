@@ -1,4 +1,4 @@
-"""What a data set keeps back for measuring a scene of its clip: pictures of other cameras, keypoints and masks set by hand."""
+"""Held-back parts of a data set that measure a scene of its clip: pictures of other cameras, keypoints and masks set by hand."""
 
 import json
 from dataclasses import dataclass

@@ -37,13 +37,13 @@ RUNGS = (
     "tracks",
     "masks",
 )
-"""What is replaced, alone and together."""
+"""Priors that are replaced, alone and together."""
 Mixture = tuple[str, frozenset[str]]
-"""What the row is called, and which of `RUNGS` are replaced."""
+"""Label of the row, and the replaced ones of `RUNGS`."""
 QUICK_CLIPS = ("procedural", "horizon")
 """Clips of a quick report: a room, and a far ground under a sky."""
 STEPS = QUICK_STEPS
-"""Of every fit."""
+"""Steps of every fit."""
 ANGLE = 10
 """Degrees off the path of the views that are compared."""
 PICTURES = f"unseen_psnr_covered_at_{ANGLE}"

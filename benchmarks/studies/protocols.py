@@ -1,4 +1,4 @@
-"""How the field measures a scene of each data set: which cameras, moved how, and which figures; tested on toy copies.
+"""Protocols by which the field measures a scene of each data set: cameras, their refinement and figures; tested on toy copies.
 
 NVIDIA: Liu et al. 2023 (RoDynRF) with MoSca's test-time cameras; DyCheck: Gao et al. 2022; Nerfies: its left camera learnt,
 its right one measured, as DyCheck's split `mono` has it. Where the files come from: docs/datasets.md.
@@ -45,11 +45,11 @@ class Protocol:
     name: str
     """Of its folder below `--data`."""
     profile: str
-    """What the paper's authors fit with."""
+    """Profile of the fit."""
     known_cameras: bool
     """True if the fit gets the data set's cameras; otherwise it estimates them."""
     first: Refinement
-    """How the first view of a camera is moved to match, the scene as it is."""
+    """Refinement of the first view of a camera, the scene as it is."""
     others: Refinement
     """The same for its other views."""
     chained: bool

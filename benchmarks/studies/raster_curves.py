@@ -41,7 +41,7 @@ TIMED = (*time_columns(PICTURE), *time_columns(STEP))
 RMSE, P99_9, MAX = "picture rmse", "99.9 % of pixels within", "picture max error"
 WORST = "worst gradient error"
 MAX_ERROR, MAX_GRADIENT_ERROR = 1e-4, 1e-2
-"""What float32 may be off from float64 in 99.9 % of the pixels and in gradients: rounding gives 1e-6 and, with splats on the
+"""Largest error of float32 against float64 in 99.9 % of the pixels and in gradients: rounding gives 1e-6 and, with splats on the
 verge of a cut-off, 1e-3 in an unlucky scene; a missing splat or term gives more than 1e-2."""
 SIZES = {"count": 6000, "width": 192, "height": 108}, {"count": 50_000, "width": 480, "height": 270}
 """Scenes of a quick and of a full report, here and below, where the study is not about their size."""
@@ -296,7 +296,7 @@ def _unequal(rows: Sequence[Row]) -> list[str]:
 
 
 def measure_cut_offs(context: Context) -> Findings:
-    """What precision, the alpha cut and the stop cost in error and gain in time."""
+    """Measure the error and the time of precision, the alpha cut and the stop."""
     size = context.choose(*SIZES) | {"channels": RGB_AND_LATENT}
 
     def work() -> list[Row]:

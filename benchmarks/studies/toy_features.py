@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from f4x_core.features.maps import FeatureMaps, write_maps
+from f4x_core.features.maps import FeatureMaps, MapsPlan, write_maps
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.geometry.camera import Camera
 from f4x_core.query.score import cosines
@@ -50,7 +50,7 @@ def world_maps(world: World, folder: Path, dim: int) -> FeatureMaps:
         found = mix @ vectors + LOOKS * (looks - looks.mean((0, 1))) @ directions * 3 + NOISE * noise
         return found / np.linalg.norm(found, axis=-1, keepdims=True)
 
-    return write_maps(folder, spec, map(encode, world.views), world.frames)
+    return write_maps(folder, MapsPlan(spec, world.frames), map(encode, world.views))
 
 
 def score_features(world: World, scene: Scene, dim: int) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from f4x_core.evaluation.truth import align_cameras, into_scene
 from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.model import SceneModel
 from f4x_core.fit.pipeline import finish_fit, start_fit
-from f4x_core.fit.trainer import Trainer
+from f4x_core.fit.trainer import FitStart, Trainer
 from f4x_core.geometry.camera import Camera
 from f4x_core.metrics.pictures import psnr, ssim
 from f4x_core.priors import Priors
@@ -106,7 +106,7 @@ def fit_world(
     if model is not None:
         old = trainer.model
         other = model(old.static, old.dynamic, old.nodes, old.rig, old.kernel)
-        trainer = Trainer(other, clip, trainer.priors, config, trainer.next_id, trainer.needs)
+        trainer = Trainer(other, clip, trainer.priors, config, FitStart(trainer.next_id, trainer.needs))
     started = time.perf_counter()
     trainer.run()
     seconds = {"start": started - clock, "photometric": time.perf_counter() - started}
@@ -157,7 +157,7 @@ def measure(
 
 
 def each_seed(context: Context, name: str, work: Callable[[int], Row], count: int, **settings: Any) -> list[Row]:
-    """What `work(seed)` returned for `count` seeds, a step each."""
+    """Return the results of `work(seed)` for `count` seeds, a step each."""
     seeds = range(context.seed, context.seed + count)
     settings |= {} if lpips_missing() else {"lpips": True}  # `score_world` has one column more
     return [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]

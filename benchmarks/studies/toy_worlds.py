@@ -33,7 +33,7 @@ SUBPIXELS = 3
 FOCAL = 0.9
 """In picture widths."""
 MIDDLE = np.array([0.0, 0.0, 0.95])
-"""What the cameras look at."""
+"""Point that the cameras look at."""
 WAVES, MAX_WAVELENGTH, MIN_WAVELENGTH = 14, 0.6, 0.035
 """Number and wavelengths of a texture's waves."""
 HOLD_OUT = 5
@@ -60,7 +60,7 @@ class Body:
     motion: Motion | None = None
     """None = it never moves."""
     shine: float = 0.0
-    """How strongly the colour changes with the direction of view (degree 1 in the world's axes: only of what never moves)."""
+    """Strength by which the colour changes with the direction of view (degree 1 in the world's axes: only of static bodies)."""
 
     def at(self, phase: float) -> np.ndarray:
         """Positions (n,3) of the points."""
@@ -155,7 +155,7 @@ class World:
         return np.concatenate([np.full(len(body.xyz), self.labels.index(body.label)) for body in self.bodies])
 
     def view(self, camera: Camera, time: float) -> View:
-        """What `camera` sees at a clip time: `SUBPIXELS` x `SUBPIXELS` rays in each pixel, averaged."""
+        """Render what `camera` sees at a clip time: `SUBPIXELS` x `SUBPIXELS` rays in each pixel, averaged."""
         corners = [body.triangles_at(self._phase(time)) for body in self.bodies]
         triangles = np.concatenate(corners)
         fine = camera.resized(SUBPIXELS * camera.width, SUBPIXELS * camera.height)
@@ -279,9 +279,8 @@ def sheet(
     motion: Motion | None = None,
     shine: float = 0.0,
     spacing: float = SPACING,
-    bends: bool = False,
 ) -> Body:
-    """A textured rectangle of two triangles, or of two for every point if the motion `bends` it.
+    """Return a textured rectangle of two triangles; with `motion`, which may bend it, of two for every point.
 
     `look` and `shine` are those of `Body`.
     """
@@ -289,7 +288,7 @@ def sheet(
     counts = [max(round(np.linalg.norm(side) / spacing), 1) for side in (u, v)]
     a, b = np.meshgrid(*((np.arange(n) + 0.5) / n for n in counts), indexing="ij")
     xyz = corner + a.reshape(-1, 1) * u + b.reshape(-1, 1) * v
-    pieces = counts if bends else (1, 1)
+    pieces = (1, 1) if motion is None else counts
     a, b = (part.reshape(-1, 1) for part in np.meshgrid(*(np.arange(n) / n for n in pieces), indexing="ij"))
     first, u, v = corner + a * u + b * v, u / pieces[0], v / pieces[1]
     halves = [np.stack([first, first + u, first + v], 1), np.stack([first + u + v, first + v, first + u], 1)]
@@ -396,7 +395,7 @@ def _articulated() -> tuple[Body, ...]:
 def _deforming() -> tuple[Body, ...]:
     left = -0.26
     area = Rectangle((left, -0.16, 0.85), (0.5, 0, 0), (0, 0.3, 0))
-    flag = sheet("flag", area, 8, partial(wave, left=left), bends=True)
+    flag = sheet("flag", area, 8, partial(wave, left=left))
     return *room(), flag
 
 

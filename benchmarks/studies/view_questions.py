@@ -46,7 +46,7 @@ EXPERIMENTS = 3
 LABEL_FILE = "labels.txt"
 """Words of a scene or of a data set, one a line; without it `EVERYDAY`."""
 SCENES_LIGHT, GIVEN_MASK = "the scene's light", "the data set's mask"
-"""Who says where the point of table A may lie."""
+"""Sources of the region in which the point of table A may lie."""
 FEATURES, PICTURES, TRUTH = "features", "pictures", "true pictures"
 Way = Callable[[int], np.ndarray]
 """View of a camera -> features (h,w,C)."""
@@ -82,7 +82,7 @@ def add_heads(context: Context, clip: Clip, scene: Scene, teachers: Sequence[str
 
 
 def ways_of(scene: Scene, head: str, encoder: Teacher, novel: NovelCamera, cameras: Sequence[Camera]) -> dict[str, Way]:
-    """Where the features of a view of `novel` may come from; `cameras` are its views in the scene's world."""
+    """Return the sources of features of a view of `novel`; `cameras` are its views in the scene's world."""
     times = [float(time) for time in novel.path.times]
 
     def draw(index: int) -> np.ndarray:
@@ -178,7 +178,7 @@ def follow_point(teacher: str, point: np.ndarray, count: int, size: tuple[int, i
 
 
 def mask_decoder(teacher: str, features: Way, count: int, size: tuple[int, int]) -> MaskDecoder:
-    """What turns features of `teacher` into masks; SAM 2's goes without skip connections, from whatever way features come."""
+    """Return the decoder of `teacher`'s features into masks; SAM 2's works without skip connections."""
     if teacher != "sam2":
         return FeaturePropagation(features, count, size)
     from f4x_core.features.models.sam2 import Sam2MaskDecoder, load_sam2

@@ -11,11 +11,12 @@ import secrets
 import socket
 from collections.abc import Callable
 from contextvars import ContextVar
+from dataclasses import fields, is_dataclass
 from functools import wraps
 from itertools import count
 from threading import Lock
 from time import monotonic
-from typing import Any
+from typing import Any, get_type_hints
 
 import anyio
 import uvicorn
@@ -178,25 +179,46 @@ class SingleTokenVerifier:
 
 
 def _tool(session: Session, name: str, lock: Lock) -> Callable[..., CallToolResult]:
-    """The method `name` of `session` as a tool that runs in a worker thread; `lock` makes calls run one after another."""
+    """Return the method `name` of `session` as a tool that runs in a worker thread; `lock` makes calls run one after another.
+
+    The tool has the fields of a dataclass in place of a parameter of that type: models fill flat arguments best.
+    """
     method = getattr(session, name)
+    signature = inspect.signature(method, eval_str=True)
+    records: dict[str, Any] = {
+        p.name: p.annotation for p in signature.parameters.values() if is_dataclass(p.annotation)
+    }
 
     @wraps(method)
     def call(**arguments: Any) -> CallToolResult:
         with lock:
             session.progress = _reporter(_CALLER.get())
             try:
+                for parameter, record in records.items():
+                    own = {entry.name for entry in fields(record)} & arguments.keys()
+                    arguments[parameter] = record(**{field: arguments.pop(field) for field in own})
                 return _protocol_result(method(**arguments))
             except F4xError as error:  # clients do not see paths of this machine
                 raise F4xError(with_code(error).replace(f"{session.folder.root}{os.sep}", "")) from error
             finally:
                 session.progress = silent
 
-    signature = inspect.signature(method, eval_str=True)
     hidden = {"file"} if session.read_only else set()
-    kept = [parameter for parameter in signature.parameters.values() if parameter.name not in hidden]
+    kept = [flat for parameter in signature.parameters.values() for flat in _flat(parameter) if flat.name not in hidden]
     call.__signature__ = signature.replace(parameters=kept)  # type: ignore[attr-defined]
     return call
+
+
+def _flat(parameter: inspect.Parameter) -> list[inspect.Parameter]:
+    """Return the fields of a dataclass as parameters, in place of a parameter of that type; all of them have defaults."""
+    record = parameter.annotation
+    if not is_dataclass(record):
+        return [parameter]
+    hints = get_type_hints(record, include_extras=True)
+    return [
+        parameter.replace(name=entry.name, default=entry.default, annotation=hints[entry.name])
+        for entry in fields(record)
+    ]
 
 
 def _reporter(context: Context[Any, Any] | None) -> Progress:

@@ -1,13 +1,14 @@
 """The tools of an agent: one method per tool. Selections and proposals are kept between calls. No protocol is used here.
 
 Nothing here calls a server: the grammar parses sentences and questions are answered by computing, so no text and no image
-leaves the machine. The docstrings and signatures of the tools are what agents read.
+leaves the machine. The docstrings and signatures of the tools are what agents read; a record among the parameters, such as
+`Look`, stands for its fields.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 
@@ -17,7 +18,7 @@ from pydantic import Field
 from ..app import asking, selecting
 from ..app.asking import AskOptions
 from ..app.editing import EditRequest, propose_edit
-from ..app.exporting import ExportOptions
+from ..app.exporting import ExportOptions, export_scene
 from ..app.selecting import Wanted
 from ..clip.images import as_bytes
 from ..edit import plan
@@ -46,7 +47,7 @@ from ..query.pixels import coverage_image, heat_map
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene, updating
-from ..scene.formats import FORMATS, export
+from ..scene.formats import FORMATS
 from ..scene.view import render
 from ..scene.visualise import colour_depth, colour_motion, depth_range, labelled_grid
 from .folder import SceneFolder
@@ -101,15 +102,53 @@ Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
-class Look(NamedTuple):
-    """The content of a picture, from the arguments of `render_view`."""
+@dataclass(frozen=True)
+class Viewpoint:
+    """Camera and clip time of a picture."""
 
-    frame: float
-    time: float | None = None
-    side: str = ""
-    degrees: float = 8.0
-    camera_path: str = ""
-    width: int = 0
+    frame: Frame = 0.0
+    time: Time = None
+    side: Side = ""
+    degrees: Degrees = 8.0
+
+
+@dataclass(frozen=True)
+class Look(Viewpoint):
+    """A viewpoint along any camera path, and the width of the picture."""
+
+    camera_path: Annotated[str, Field(description="camera path file in the folder; empty: the clip's")] = ""
+    width: Width = 0
+
+
+@dataclass(frozen=True)
+class Search:
+    """Description of what to find: exactly one of text, point, box and select."""
+
+    text: Annotated[Words, Field(description="words for it; info lists those that are known")] = None
+    negatives: Annotated[Words, Field(description="words that text is weighed against; null: the usual")] = None
+    point: Annotated[tuple[Number, Number] | None, Field(description="x, y on it in pixels of the clip")] = None
+    box: Annotated[
+        tuple[Number, Number, Number, Number] | None, Field(description="left, top, right, bottom in such pixels")
+    ] = None
+    select: Annotated[dict[str, Any] | None, Field(description=SELECTS)] = None
+    part: Annotated[bool, Field(description="of the person at point the part of the body alone")] = False
+
+    def __post_init__(self) -> None:
+        """Refuse none and several."""
+        given = {"text": self.text, "point": self.point, "box": self.box, "select": self.select}
+        kinds = [kind for kind, value in given.items() if value]
+        if len(kinds) != 1:
+            raise F4xError(f"Give exactly one of {', '.join(given)}; got {', '.join(kinds) or 'none'}.")
+
+    def wanted(self, moment: int, threshold: float) -> Wanted:
+        """Return the request for the words, point or box in clip frame `moment`."""
+        marks: tuple[Point | Box, ...] = ()
+        if self.point:
+            marks = (Point(moment, True, self.point),)
+        elif self.box:
+            marks = (Box(moment, True, self.box),)
+        weighed = None if self.negatives is None else tuple(self.negatives)
+        return Wanted(tuple(self.text or ()), weighed, marks, self.part and bool(self.point), threshold)
 
 
 class StoredSelection(NamedTuple):
@@ -145,7 +184,7 @@ class Session:
         self._made = 0
 
     def info(self, scene: SceneName = "") -> ToolResult:
-        """What there is: the scenes of the folder, and of one scene its clip, Gaussians, words and named selections."""
+        """List the scenes of the folder; of one scene tell its clip, Gaussians, words and named selections."""
         listed = self.folder.scenes()
         if not scene and len(listed) != 1:
             return ToolResult({"scenes": listed})
@@ -166,20 +205,15 @@ class Session:
     def render_view(
         self,
         scene: SceneName = "",
-        frame: Frame = 0.0,
-        time: Time = None,
-        side: Side = "",
-        degrees: Degrees = 8.0,
-        camera_path: Annotated[str, Field(description="camera path file in the folder; empty: the clip's")] = "",
+        look: Look = Look(),
         channel: Literal["rgb", "depth", "motion"] = "rgb",
         selection: Annotated[str, Field(description="selection to show in colours over a grey picture")] = "",
-        width: Width = 0,
         file: Annotated[str, Field(description="also write it to this new .png in the folder")] = "",
     ) -> ToolResult:
-        """A picture of the scene with its edits, from a camera at a moment; depth near is red, motion hue is direction."""
+        """Draw the scene with its edits, from a camera at a moment; depth near is red, motion hue is direction."""
         path, opened = self._open(scene)
-        view = self._view(opened, Look(frame, time, side, degrees, camera_path, width))
-        data: dict[str, Any] = {"frame": frame, "time": view.time, "size": [view.camera.width, view.camera.height]}
+        view = self._view(opened, look)
+        data: dict[str, Any] = {"frame": look.frame, "time": view.time, "size": [view.camera.width, view.camera.height]}
         maps = render(opened, *view, (channel,) if channel != "rgb" and not selection else ("rgb",), self.backend)
         if selection:
             if channel != "rgb":
@@ -207,35 +241,21 @@ class Session:
 
     def query(
         self,
+        search: Search,
         scene: SceneName = "",
-        text: Annotated[Words, Field(description="words for it; info lists those that are known")] = None,
-        negatives: Annotated[Words, Field(description="words that text is weighed against; null: the usual")] = None,
-        point: Annotated[tuple[Number, Number] | None, Field(description="x, y on it in pixels of the clip")] = None,
-        box: Annotated[
-            tuple[Number, Number, Number, Number] | None, Field(description="left, top, right, bottom in such pixels")
-        ] = None,
-        select: Annotated[dict[str, Any] | None, Field(description=SELECTS)] = None,
-        part: Annotated[bool, Field(description="of the person at point the part of the body alone")] = False,
         frame: Annotated[int, Field(description="clip frame of point or box, and of `seen`")] = 0,
         threshold: Annotated[Number, Field(ge=0, le=1, description="least probability")] = THRESHOLD,
         name: Annotated[str, Field(max_length=40, description="what to call the selection")] = "",
     ) -> ToolResult:
         """Find something by exactly one of text, point, box and select; says how much it is and where, and keeps it."""
-        given = {"text": text, "point": point, "box": box, "select": select}
-        kinds = [kind for kind, value in given.items() if value]
-        if len(kinds) != 1:
-            raise F4xError(f"Give exactly one of {', '.join(given)}; got {', '.join(kinds) or 'none'}.")
         path, opened = self._open(scene)
         view = self._view(opened, Look(frame))
-        if select is None:
-            moment = opened.cameras.frame_at(frame)
-            marks = (Point(moment, True, point),) if point else (Box(moment, True, box),) if box else ()
-            weighed = None if negatives is None else tuple(negatives)
-            wanted = Wanted(tuple(text or ()), weighed, marks, part and bool(point), threshold)
+        if search.select is None:
+            wanted = search.wanted(opened.cameras.frame_at(frame), threshold)
             found = selecting.select(opened, wanted, self.backend, self.progress).selection
         else:
             resolver = Resolver(EditorState(frame=frame), encode_labels)
-            resolved = resolver.select(opened, read_record(SelectKind, select, "select"))
+            resolved = resolver.select(opened, read_record(SelectKind, search.select, "select"))
             scores = np.isin(np.arange(len(opened.ids)), rows_of(opened, resolved))
             found = Selection(opened.ids, scores.astype(float), np.zeros(len(scores), bool))
         rows = rows_of(opened, Ids.of(found.chosen_ids))
@@ -274,7 +294,7 @@ class Session:
         selection: Annotated[SelectionName, Field(description='what \'it\' and {"by": "current"} mean')] = "",
         candidates: Annotated[int, Field(ge=1, le=MAX_CANDIDATES, description="readings of sentence to compare")] = 1,
     ) -> ToolResult:
-        """What a sentence, or a list of operations, would do. Writes nothing: look at preview, then call apply_edit."""
+        """Propose edits, by a sentence or a list of operations. Writes nothing: look at preview, then call apply_edit."""
         if bool(sentence.strip()) == bool(operations):
             raise F4xError("Give either a sentence or operations.")
         path, opened = self._open(scene)
@@ -295,14 +315,11 @@ class Session:
         self,
         proposal: ProposalName,
         candidate: Which = -1,
-        frame: Frame = 0.0,
-        time: Time = None,
-        side: Side = "",
-        degrees: Degrees = 8.0,
+        viewpoint: Viewpoint = Viewpoint(),
     ) -> ToolResult:
-        """A picture of the scene before and after a candidate. Writes nothing."""
+        """Draw the scene before and after a candidate. Writes nothing."""
         path, opened, chosen = self._candidate(proposal, candidate)
-        view = self._view(opened, Look(frame, time, side, degrees))
+        view = self._view(opened, Look(**vars(viewpoint)))
         scenes = (opened, plan.preview(opened, chosen))
         images = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
         sheet = labelled_grid([images], [f"{view.time:g}"], ["before", "after"])
@@ -310,7 +327,7 @@ class Session:
         return ToolResult({"scene": self.folder.name(path), "changed_share_of_picture": changed}, png=encode_png(sheet))
 
     def history(self, scene: SceneName = "") -> ToolResult:
-        """The edits of a scene, and those that redo would bring back, the next one last."""
+        """List the edits of a scene, and those that redo would bring back, the next one last."""
         stack = read_stack(self.folder.scene(scene))
         rows = {"edits": _edit_rows(stack.edits), "undone": _edit_rows(stack.undone)}
         return ToolResult({name: len(edits) for name, edits in rows.items()}, rows)
@@ -345,13 +362,14 @@ class Session:
         if time is not None:
             _require_times(opened.cameras, [time])
         options = ExportOptions(format or None, time, frames or None)
-        name, times = options.format_of(output), options.times_of(opened, path)
+        options.format_of(output)
+        times = options.times_of(opened, path)
         numbers = FLOATS_PER_GAUSSIAN + 3 * (opened.sh_degree + 1) ** 2
         if 4 * numbers * len(opened.ids) * len(times) > MAX_EXPORT_BYTES:
             raise F4xError(f"That would be more than {MAX_EXPORT_BYTES >> 30} GiB; export fewer frames.")
         target.parent.mkdir(parents=True, exist_ok=True)
-        done = export(opened, target, times, name, progress=self.progress)
-        written = {"output": output, "format": name, "moments": len(times), "files": len(done.files)}
+        done = export_scene(opened, path, target, options, self.progress)
+        written = {"output": output, "format": done.format, "moments": done.moments, "files": len(done.files)}
         return ToolResult({**written, **({"notes": list(done.notes)} if done.notes else {})})
 
     def _open(self, name: str) -> tuple[Path, Scene]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,15 +15,13 @@ from ..features.maps import FeatureMaps, read_maps
 from ..features.teachers import extract
 from ..features.text import TEXT_ENCODERS, find_text_encoder
 from ..features.weights import require_path
-from ..files import link_target, lock_file, neighbour, same_file
+from ..files import in_place
 from ..fit.distil import distil
 from ..fit.distil_config import DistilConfig
 from ..fit.vocabulary import EVERYDAY, with_vocabulary
 from ..progress import Progress, silent
 from ..scene import Scene, read_header, read_scene, updating, write_scene
-
-PATIENCE = 60.0
-"""Seconds to wait for another program that distils into the same scene; adding words takes less."""
+from ..scene.locking import only_run
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class DistilRequest:
     path: Path
     """The scene file."""
     teachers: tuple[str, ...] = ()
-    """Whose features are learnt."""
+    """Teachers whose features are learnt."""
     labels: tuple[str, ...] = ()
     """Words that the scene learns."""
     folder: Path | None = None
@@ -71,10 +68,9 @@ class Distilled:
 
 def distill(request: DistilRequest, progress: Progress = silent) -> Distilled:
     """Add heads or words to a scene, in place or in another file, as `f4x distill` does."""
-    request = replace(request, folder=request.folder or request.path.parent / "features")
-    if request.output is not None and same_file(request.output, request.path):
-        request = replace(request, path=request.output, output=None)  # in place, under the name that is to be written
-    with only_distiller(request.output or request.path):
+    path, output = in_place(request.path, request.output)
+    request = replace(request, path=path, output=output, folder=request.folder or request.path.parent / "features")
+    with only_run("distill", output or path):
         return _distill(request, progress)
 
 
@@ -98,19 +94,8 @@ def _distill(request: DistilRequest, progress: Progress) -> Distilled:
     return replace(write_distilled(scene, written, None if request.output else arrays, names, labels), kept=kept)
 
 
-@contextmanager
-def only_distiller(path: Path) -> Iterator[None]:
-    """Keep two programs from distilling into the scene file `path`, each without what the other adds.
-
-    It is held for minutes, so it is no lock of the scene: others edit it meanwhile, and `write_distilled` keeps their edits.
-    """
-    busy = f"{path}: another `f4x distill` is adding to this scene; try again when it is done."
-    with lock_file(neighbour(link_target(path), "distill-lock"), busy, PATIENCE):
-        yield
-
-
 def read_with_arrays(path: Path) -> tuple[Scene, dict[str, Any]]:
-    """(scene, what its header says of arrays and features)."""
+    """Return (scene, what its header says of arrays and features)."""
     with updating(path):  # both of one file
         return read_scene(path), _arrays_of(read_header(path))
 
@@ -120,7 +105,7 @@ def _arrays_of(header: dict[str, Any]) -> dict[str, Any]:
 
 
 def with_edits_since(scene: Scene, path: Path, arrays: dict[str, Any]) -> Scene:
-    """The scene with the edits that its file has by now; F4xError if others have put other arrays there than it was read with."""
+    """Return the scene with the edits that its file has by now; F4xError if the file got other arrays since it was read."""
     header = read_header(path)
     if _arrays_of(header) != arrays:
         raise F4xError(
@@ -155,13 +140,13 @@ def write_distilled(
 
 
 def reel_of_scene(scene: Scene, source: Path, frames: str | None) -> ClipStream:
-    """The frames that a scene was fitted to, at the scene's size, read on demand."""
+    """Return the frames that a scene was fitted to, at the scene's size, read on demand."""
     cameras = scene.cameras
     return ClipStream(source, frames, cameras.width, cameras.height, len(cameras))
 
 
 def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Progress) -> Clip:
-    """The clip that a scene was fitted to, at the scene's size."""
+    """Return the clip that a scene was fitted to, at the scene's size."""
     clip = read_clip(source, frames, scene.cameras.width, progress=progress)
     cameras = scene.cameras
     if len(clip) != len(cameras) or (clip.width, clip.height) != (cameras.width, cameras.height):
@@ -173,7 +158,7 @@ def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Prog
 
 
 def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | None, progress: Progress) -> FeatureMaps:
-    """The feature maps in `folder`. Missing ones are extracted from `clip`, or from the clip that the scene names."""
+    """Return the feature maps in `folder`. Missing ones are extracted from `clip`, or from the clip that the scene names."""
     if clip is None and (folder / "spec.json").is_file():
         return read_maps(folder)
     if clip is None:

@@ -14,7 +14,7 @@ from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, of, write_stack
 from ..edit.uncovered import Uncovered, takes_away, uncovered
 from ..errors import F4xError
-from ..files import replace_file, same_file
+from ..files import in_place, replace_file
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..scene import Scene, updating, write_scene
@@ -51,7 +51,7 @@ class Edited:
     before: Scene
     """The scene with the edits that it had."""
     after: Scene
-    """With the new ones."""
+    """The scene with the new edits, too."""
     proposal: Proposal
     """All readings that were compared."""
 
@@ -105,16 +105,15 @@ def edit_file(
         dry_run: nothing is written but the contact sheet.
         progress: is called `(stage, done, total, message)`.
     """
-    if output is not None and same_file(output, path):
-        path, output = output, None  # in place, under the name that is to be written
-    in_place = output is None and not dry_run
-    with updating(path) if in_place else nullcontext():  # what another writes between reading and writing would be lost
+    path, output = in_place(path, output)
+    grows = output is None and not dry_run
+    with updating(path) if grows else nullcontext():  # what another writes between reading and writing would be lost
         scene = open_scene(path)
         proposal = propose_edit(scene, request, progress)
         if contact_sheet is not None:
             _write_sheet(scene, proposal, request.backend, contact_sheet)
         edited = Edited(scene, preview(scene, proposal.chosen), proposal)
-        if in_place:
+        if grows:
             write_stack(path, of(edited.after))
         elif output is not None and not dry_run:
             write_scene(base_of(edited.after), output)
@@ -122,7 +121,7 @@ def edit_file(
 
 
 def _resolved(scene: Scene, request: EditRequest, progress: Progress) -> tuple[Change, ...]:
-    """The operations of a request, each resolved in the scene that those before it leave."""
+    """Return the operations of a request, each resolved in the scene that those before it leave."""
     resolved: list[Change] = []
     encode = encoder(progress)
     for number, operation in enumerate(request.operations, 1):

@@ -1,6 +1,8 @@
-"""Text encoders, with a word about loading one: those of downloaded models take seconds."""
+"""Text encoders that report when they are loaded: those of downloaded models take seconds."""
 
 from __future__ import annotations
+
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -8,8 +10,13 @@ from ..progress import Progress
 from ..query.labels import Encode, encode_labels
 
 
-def encoder(progress: Progress) -> Encode:
-    """`encode_labels` that reports its first use: only words that the scene lacks need it."""
+def encoder(progress: Progress) -> Encode | None:
+    """Return `encode_labels` that reports its first use: only words that the scene lacks need it.
+
+    None where torch is not installed, as in Blender's own Python: then only words that the scene knows are understood.
+    """
+    if find_spec("torch") is None:
+        return None
     loaded: set[str] = set()
 
     def encode(name: str, labels: list[str]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..clip.read import frame_indices
@@ -27,11 +27,11 @@ class ExportOptions:
     """First frame, end and step of many as `A:B:S`; None: all."""
 
     def format_of(self, output: Path | str) -> str:
-        """The name of the format of `output`. Raises F4xError where it does not go with the moments."""
+        """Return the name of the format of `output`. Raises F4xError where it does not go with the moments."""
         return choose_format(output, self.format, one_moment=self.time is not None)[0]
 
     def times_of(self, scene: Scene | SplatSequence, name: Path | str) -> list[float]:
-        """The clip times of the moments. Raises F4xError, about the scene called `name`, for moments that it does not have."""
+        """Return the clip times of the moments. Raises F4xError, about the scene called `name`, for moments that it lacks."""
         if self.time is not None:
             require_time(scene, self.time, f"--time {self.time:g}")
             return [float(self.time)]
@@ -59,10 +59,17 @@ def export_file(
     source: Path, output: Path, options: ExportOptions, edits: bool = True, progress: Progress = silent
 ) -> ExportedFiles:
     """Write the scene or splats at `source` for other programs, as `f4x export` does; `edits` False leaves its edits out."""
-    format = options.format_of(output)
+    options.format_of(output)  # refused before the source is read
     is_scene = identify(source) == "scene"
     scene = open_scene(source, edits) if is_scene else open_any(source)
-    times = options.times_of(scene, source)
+    done = export_scene(scene, source, output, options, progress)
+    return done if is_scene else replace(done, notes=(*notes_of(scene), *done.notes))
+
+
+def export_scene(
+    scene: Scene | SplatSequence, source: Path, output: Path, options: ExportOptions, progress: Progress = silent
+) -> ExportedFiles:
+    """Write an open scene or splats, read from `source`, for other programs."""
+    format, times = options.format_of(output), options.times_of(scene, source)
     done = export(scene, output, times, format, progress=progress)
-    notes = (*(() if is_scene else notes_of(scene)), *done.notes)
-    return ExportedFiles(output, format, len(times), tuple(done.files), notes)
+    return ExportedFiles(output, format, len(times), tuple(done.files), tuple(done.notes))

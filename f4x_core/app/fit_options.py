@@ -32,15 +32,15 @@ class ClipOptions:
     """Folder of masks of what moves, `layout` for the data set's own, or `alpha` for the clip's own alpha."""
 
     def read(self, source: Path | str, progress: Progress = silent) -> Clip:
-        """The clip at `source`."""
+        """Return the clip at `source`."""
         return read_clip(source, self.frames, self.width_of(source), self.hold_out, self.masks, progress)
 
     def width_of(self, source: Path | str) -> int:
-        """Width in pixels at which the clip at `source` is fitted."""
+        """Return the width in pixels at which the clip at `source` is fitted."""
         return usual_width(source) if self.width is None else self.width
 
     def first_picture(self, source: Path | str, width: int | None = None) -> Clip:
-        """The first of the pictures that are used, `width` pixels wide or as it is."""
+        """Return the first of the pictures that are used, `width` pixels wide or as it is."""
         start = parse_span(self.frames).start or 0
         return read_clip(source, f"{start}:{start + 1}", width)
 
@@ -107,7 +107,7 @@ class FitRequest:
     """The settings that decide it."""
 
     def cut(self) -> Cut:
-        """The windows asked for, those of the fit that is continued, or what is usual for such a clip."""
+        """Return the windows asked for, those of the fit that is continued, or what is usual for such a clip."""
         options = self.options
         length = options.window
         if length is None and options.resume:
@@ -120,7 +120,7 @@ class FitRequest:
         return Cut(length, usual_overlap(length) if options.overlap is None else options.overlap)
 
     def made_with(self, cut: Cut) -> dict[str, str]:
-        """The options that decide what a fit becomes, or the windows of a long clip: name on the command line -> text."""
+        """Return the options that decide what a fit becomes, or the windows of a long clip: name on the command line -> text."""
         clip, config = self.options.clip, self.options.config
         span = parse_span(clip.frames)
         settings = [s for s in list_settings(config) if s.settable and s.name.rpartition(".")[2] != THREADS]

@@ -1,4 +1,4 @@
-"""From a clip to a scene with its pages: at once or in windows, with features and an appearance for linear light."""
+"""Makes a scene with its pages of a clip: at once or in windows, with features and an appearance for linear light."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class Shots:
     """In order; those that are too short for any fit are left out."""
 
     def size(self, picture: Clip) -> ClipSize:
-        """The size of the clip that is fitted, of pictures like `picture`."""
+        """Return the size of the clip that is fitted, of pictures like `picture`."""
         windows = [end - start for shot in self.shots for start, end in shot.windows]
         return ClipSize(max(windows), picture.width, picture.height, len(windows))
 

@@ -31,7 +31,7 @@ DETAIL = (
 
 
 def granted(request: FitRequest, size: ClipSize, progress: Progress) -> FitConfig:
-    """The settings within what the request grants; tells `progress` what the fit of a clip of `size` costs.
+    """Return the settings within what the request grants; tells `progress` what the fit of a clip of `size` costs.
 
     An interrupted fit goes on with the steps and Gaussians it was granted.
     """

@@ -34,12 +34,12 @@ class Film:
 
     @classmethod
     def along(cls, scene: Scene, path: str, degrees: float) -> Film:
-        """The views of `trajectory_of`."""
+        """Return the views of `trajectory_of`."""
         return cls(trajectory_of(scene, path, degrees), times_of(scene, path))
 
 
 def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
-    """The views that `--path` names."""
+    """Return the views that `--path` names."""
     cameras = scene.cameras
     if path == "original":
         return trajectory.original(cameras)

@@ -122,7 +122,7 @@ def _refuse_unknown(scene: Scene, channels: Sequence[str]) -> None:
 
 
 def _views_of(scene: Scene, options: RenderOptions) -> tuple[Trajectory, np.ndarray, np.ndarray]:
-    """(all views of `--path`, `--width` wide, indices that `--frames` chooses, those of them in `--part`)."""
+    """Return (all views of `--path`, `--width` wide, indices that `--frames` chooses, those of them in `--part`)."""
     if not 0 < options.degrees < 90:
         raise F4xError(f"--degrees {options.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, options.path, options.degrees)
@@ -165,7 +165,7 @@ def _render_shots(scene: Scene, folder: Path, options: RenderOptions, progress: 
 
 
 def part_of(count: int, part: str | None, video: bool = False) -> range:
-    """The indices that `--part I/N` selects of `count` views; the parts cover every view once and differ by at most one view."""
+    """Return the indices of `count` views that `--part I/N` selects: every view is in one part, and parts differ by at most one."""
     if part is None:
         return range(count)
     if video:
@@ -177,7 +177,7 @@ def part_of(count: int, part: str | None, video: bool = False) -> range:
 
 
 def file_name(channel: str) -> str:
-    """The channel's name as a file name: characters such as those in `mask:polar bear` become _."""
+    """Return the channel's name as a file name: characters such as those in `mask:polar bear` become _."""
     return re.sub(r"[^\w.-]", "_", channel)
 
 
@@ -204,14 +204,14 @@ def write_frame(
 
 
 def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
-    """(near, far) depth in world units for the colours of the depth images; one range for the whole clip."""
+    """Return (near, far) depth in world units for the colours of the depth images; one range for the whole clip."""
     middle = len(scene.cameras) // 2
     depth = render(scene, scene.cameras[middle], float(scene.cameras.times[middle]), ("depth",), backend)["depth"]
     return depth_range([depth])
 
 
 def channel_image(channel: str, values: np.ndarray, span: tuple[float, float], full_motion: float) -> np.ndarray:
-    """An 8-bit image (H,W,3) or (H,W) of a channel; `span` is the range of depth, `full_motion` the pixels with the full colour."""
+    """Return an 8-bit image (H,W,3) or (H,W) of a channel; `span`: range of depth, `full_motion`: pixels with the full colour."""
     if channel == "depth":
         return colour_depth(values, *span)
     if channel == "motion":
@@ -220,12 +220,12 @@ def channel_image(channel: str, values: np.ndarray, span: tuple[float, float], f
 
 
 def feature_channels(scene: Scene) -> tuple[str, ...]:
-    """Channels that show the feature field of `scene`: the latent and every head."""
+    """Return the channels that show the feature field of `scene`: the latent and every head."""
     return () if scene.features is None else ("latent", *scene.features.names)
 
 
 def feature_image(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """(H,W,3) uint8 image of the latent, or of the features that a head decodes from `latent (H,W,D)`; black in empty pixels."""
+    """Return an image (H,W,3) uint8 of the latent, or of features that a head decodes from `latent (H,W,D)`; empty is black."""
     field = scene.require_field()
     if name != "latent":
         image = field.head(name).to_rgb(latent)

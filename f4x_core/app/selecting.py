@@ -86,7 +86,7 @@ def select(scene: Scene, wanted: Wanted, backend: str = "auto", progress: Progre
 
 
 def _prompted(scene: Scene, mark: Mark, wanted: Wanted, backend: str, progress: Progress) -> Selection | None:
-    """The selection by one mark as a prompt of its kind; None for a mark that is no prompt."""
+    """Return the selection by one mark as a prompt of its kind; None for a mark that is no prompt."""
     options: dict[str, Any] = {
         "threshold": wanted.threshold,
         "span": wanted.span,
@@ -124,7 +124,7 @@ def write_selection(
 
 
 def read_selection(file: Path) -> Selection:
-    """The selection that `write_selection` left in a file. Raises F4xError that names the file."""
+    """Return the selection that `write_selection` left in a file. Raises F4xError that names the file."""
     data = read_json(file, f"the {SELECTION} that `f4x query SCENE … -o DIR` leaves")
     try:
         return Selection.from_json(data)
@@ -143,7 +143,7 @@ def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:
 
 
 def mask_of(file: Path, scene: Scene) -> np.ndarray:
-    """(H,W) bool of the picture `file` at the size of the scene's pictures; F4xError for colours or another aspect."""
+    """Return (H,W) bool of the picture `file` at the size of the scene's pictures; F4xError for colours or another aspect."""
     try:
         return at_clip_size(read_mask(file, colours=False), scene.cameras)
     except F4xError as error:

@@ -42,7 +42,7 @@ class Mattes:
 
     @classmethod
     def of(cls, scene: Scene, channels: Sequence[str]) -> Mattes | None:
-        """The mattes that the channels ask for; a Gaussian of several selections belongs to the last one."""
+        """Return the mattes that the channels ask for; a Gaussian of several selections belongs to the last one."""
         labels = [name.removeprefix(MASK) for name in channels if name.startswith(MASK)]
         if CRYPTOMATTE not in channels and not labels:
             return None
@@ -54,7 +54,7 @@ class Mattes:
 
 
 def passes_of(channels: Sequence[str], exr: bool) -> list[str]:
-    """Passes of `shoot` for `--channels`; F4xError for one that there is not."""
+    """Return the passes of `shoot` for `--channels`; F4xError for one that there is not."""
     known = (*PASSES, CRYPTOMATTE) if exr else ("rgb", "alpha")
     unknown = [name for name in channels if name not in known and not (exr and name.startswith(MASK))]
     if unknown:
@@ -67,7 +67,7 @@ def passes_of(channels: Sequence[str], exr: bool) -> list[str]:
 
 
 def exposure_of(options: RenderOptions) -> Exposure:
-    """The exposure that the options ask for."""
+    """Return the exposure that the options ask for."""
     for name, value, most in (("motion-blur", options.motion_blur, 100.0), ("aperture", options.aperture, 100.0)):
         if not 0 <= value <= most:
             raise F4xError(f"--{name} {value:g}: give a number from 0 to {most:g}.")
@@ -86,7 +86,7 @@ def take(
     exposure: Exposure,
     wanted: tuple[Sequence[str], Mattes | None, str],
 ) -> dict[str, np.ndarray]:
-    """`shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
+    """Return `shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
     names, mattes, backend = wanted
     cameras = cameras_of(views)
 
@@ -110,12 +110,12 @@ def write(file: Path, images: Mapping[str, np.ndarray], mattes: Mattes | None) -
 
 
 def display(combined: np.ndarray) -> np.ndarray:
-    """(H,W,3) uint8 sRGB of a picture in linear light."""
+    """Return (H,W,3) uint8 sRGB of a picture in linear light."""
     return (np.clip(srgb_from_linear(combined[..., :3]), 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def _time_at(times: Sequence[float], row: float) -> float:
-    """The time at a fractional view of a trajectory, straight on beyond its ends."""
+    """Return the time at a fractional view of a trajectory, straight on beyond its ends."""
     if len(times) == 1:
         return times[0]
     below = int(np.clip(np.floor(row), 0, len(times) - 2))

@@ -175,7 +175,7 @@ class Screen:
         self.console.print(f"{datetime.now():%H:%M:%S} {line}")
 
     def watch(self, engine: Engine, store: Store) -> Callable[[Board], None]:
-        """A function that shows the board's current state and updates the index from time to time."""
+        """Return a function that shows the board's current state and updates the index from time to time."""
         next_index = time.monotonic() + INDEX_EVERY
 
         def watch(board: Board) -> None:
@@ -236,7 +236,7 @@ def _duration(seconds: float) -> str:
 
 
 def _plan_result(board: Board) -> dict[str, Any]:
-    """The result of a dry run: all tasks with their states."""
+    """Return the result of a dry run: all tasks with their states."""
     rows = [_row_plan(each) for each in board.rows.values()]
     lines = [
         f"{row['name']}: " + ", ".join(f"{task['stage']} [{task['state']}]" for task in row["tasks"]) for row in rows
@@ -268,7 +268,7 @@ def _exit_code(failed: Sequence[Any]) -> int:
 
 
 def _batch_result(board: Board, store: Store, seconds: float) -> dict[str, Any]:
-    """The result of the verb: counts, errors and notes of all rows."""
+    """Return the result of the verb: counts, errors and notes of all rows."""
     rows = list(board.rows.values())
     failed = {each.row.name: each.errors for each in board.failed}
     index = f"{store.url}/{PAGE}"

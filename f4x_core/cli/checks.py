@@ -13,7 +13,7 @@ SLOWER = 6
 
 
 def path_argument(text: str) -> Path:
-    """The path that a person gave. An empty one, which is what an unset shell variable gives, is not the current folder.
+    """Return the path that a person gave. An empty one, which is what an unset shell variable gives, is not the current folder.
 
     One that begins with - becomes absolute: verbs of other processes, which get it, would take it for an option.
     """
@@ -23,14 +23,14 @@ def path_argument(text: str) -> Path:
 
 
 def scene_argument(text: str) -> Path:
-    """The scene that a person gave; the folder of a fit means the scene in it."""
+    """Return the scene that a person gave; the folder of a fit means the scene in it."""
     path = path_argument(text)
     inside = path / "scene.f4x"
     return inside if inside.is_file() else path
 
 
 def output_folder(args: argparse.Namespace) -> Path:
-    """The folder that a verb with `-o` writes into; for one that writes a file, where it lies."""
+    """Return the folder that a verb with `-o` writes into; for one that writes a file, where it lies."""
     if args.verb in ("distill", "edit", "bake", "mesh"):
         return (args.output or args.scene).parent
     output: Path = args.output
@@ -43,7 +43,7 @@ def output_folder(args: argparse.Namespace) -> Path:
 
 
 def listed_teachers(text: str, flag: str) -> list[str]:
-    """The teachers that `flag` lists with commas, each once; F4xError for an unknown one or an empty list."""
+    """Return the teachers that `flag` lists with commas, each once; F4xError for an unknown one or an empty list."""
     from ..features.teachers import TEACHERS, find_teacher
 
     names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
@@ -73,7 +73,7 @@ def require_folder(folder: Path) -> None:
 
 
 def why_slow() -> str | None:
-    """The line about drawing without compiled kernels; None where they are there."""
+    """Return the line about drawing without compiled kernels; None where they are there."""
     from ..raster import why_not
 
     if why_not("native") is None:

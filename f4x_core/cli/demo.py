@@ -62,7 +62,7 @@ class DemoClip:
     """Camera jitter and furniture."""
 
     def arguments(self) -> list[str]:
-        """The settings as command-line arguments of the script."""
+        """Return the settings as command-line arguments of the script."""
         return [text for name, value in asdict(self).items() for text in (f"--{name}", str(value))]
 
 
@@ -189,7 +189,7 @@ def write_renders(folder: Path, scene: Scene, clip: Clip, backend: str, progress
 
 
 def score_lines(scores: dict[str, Any]) -> list[str]:
-    """The scores against the truth as lines of text."""
+    """Return the scores against the truth as lines of text."""
     lines = [
         "against the truth, which the fit never saw:",
         f"  camera path off by {scores['ate_fraction']:.2%} of its length, {scores['rotation_error']:.2f}° in direction",

@@ -27,7 +27,7 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def distilled_result(added: Distilled) -> dict[str, Any]:
-    """The result of the verb."""
+    """Return the result of the verb."""
     others = sum(added.megabytes.values()) - added.megabytes["features"]
     size = f"+{added.megabytes['features']:.1f} MB ({added.megabytes['features'] / max(others, 1e-9):.0%} of the rest)"
     lines = [f"{added.path}: latent of {added.width} channels, {size}"]
@@ -50,7 +50,7 @@ def distilled_result(added: Distilled) -> dict[str, Any]:
 
 
 def config_of(args: argparse.Namespace) -> DistilConfig:
-    """The settings that the arguments give."""
+    """Return the settings that the arguments give."""
     width = None
     if args.latent_width != "auto":
         if args.latent_width not in map(str, WIDTHS):
@@ -62,7 +62,7 @@ def config_of(args: argparse.Namespace) -> DistilConfig:
 
 
 def read_labels(text: str) -> list[str]:
-    """Labels of a file with one per line, or of a list with commas."""
+    """Return the labels of a file with one per line, or of a list with commas."""
     path = user_path(text)
     is_file = os.path.isfile(path)  # False for a list of words that is longer than a name may be
     if not is_file and (path.suffix.lower() in (".txt", ".csv") or len(path.parts) > 1):

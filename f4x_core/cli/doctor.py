@@ -52,7 +52,7 @@ TRIAL = (10_000, 240, 136)
 
 
 def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Versions, backends, self-check and a speed line; or what a code means.
+    """Return the versions, backends, self-check and a speed line; or what a code means.
 
     Raises:
         F4xError: there is no such code, or the scene of a report cannot be read.
@@ -91,7 +91,7 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _version(package: str) -> str:
-    """The version of an installed package; empty where it is not there."""
+    """Return the version of an installed package; empty where it is not there."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -107,7 +107,7 @@ def _ability(packages: tuple[str, ...], bare: tuple[str, ...]) -> str:
 
 
 def anonymous(text: str) -> str:
-    """The text without paths, and without the names of this user and this machine."""
+    """Return the text without paths, and without the names of this user and this machine."""
     text = _PATH.sub("(path)", text)
     with contextlib.suppress(OSError, KeyError, ImportError):  # a user without a name has none to hide
         names = {getpass.getuser(), Path.home().name, platform.node()} - PUBLIC_NAMES
@@ -117,7 +117,7 @@ def anonymous(text: str) -> str:
 
 
 def numbers_of(path: Path) -> list[str]:
-    """Lines about a scene and the fit beside it: numbers alone, so that nothing in them can name anybody.
+    """Return the lines about a scene and the fit beside it: numbers alone, so that nothing in them can name anybody.
 
     Raises:
         F4xError: the scene cannot be read.
@@ -139,7 +139,7 @@ def numbers_of(path: Path) -> list[str]:
 
 
 def _native() -> dict[str, str]:
-    """The compiler, the instruction set, and the error of the compiled library against its stored float64 values."""
+    """Return the compiler, the instruction set, and the error of the compiled library against its stored float64 values."""
     from ..native import instruction_set
     from ..native import open_library as open_unchecked
     from ..native.build import find_compiler
@@ -158,7 +158,7 @@ def _native() -> dict[str, str]:
 
 
 def _trial(backend: str) -> str:
-    """Milliseconds of a raster backend for a small image, or the reason why it does not run."""
+    """Return the milliseconds of a raster backend for a small image, or the reason why it does not run."""
     from ..errors import F4xError
     from ..geometry.camera import Camera
     from ..geometry.splats import Splats

@@ -27,7 +27,7 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def request_of(args: argparse.Namespace) -> EditRequest:
-    """The edit that the arguments ask for."""
+    """Return the edit that the arguments ask for."""
     selection = None if args.select is None else read_selection(args.select)
     state = EditorState(selection, args.frame, agreed=args.yes)
     if args.say is None:
@@ -38,7 +38,7 @@ def request_of(args: argparse.Namespace) -> EditRequest:
 
 
 def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
-    """The sentences on what was done, or would be."""
+    """Return the sentences on what was done, or would be."""
     scene, new = edited.after, edited.new
     found, lines = ({}, []) if args.say is None else _readings(edited)
     chosen, before = sizes(scene), len(edited.before.edits)
@@ -64,7 +64,7 @@ def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _readings(edited: Edited) -> tuple[dict[str, Any], list[str]]:
-    """(all readings of the sentence as JSON, all readings as lines of text)."""
+    """Return (all readings of the sentence as JSON, all readings as lines of text)."""
     proposal = edited.proposal
     rows: list[dict[str, Any]] = [
         {"why": one.why or "as said", "scores": dict(one.scores)} for one in proposal.candidates

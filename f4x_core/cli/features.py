@@ -53,7 +53,7 @@ def run_models(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _weights_of(name: str) -> tuple[str, ...]:
-    """The weights that a name refers to: weights of that name, or those that the teacher of that name needs."""
+    """Return the weights that a name refers to: weights of that name, or those that the teacher of that name needs."""
     if name in WEIGHTS or name not in TEACHERS:
         return (name,)
     if not TEACHERS[name].weights:

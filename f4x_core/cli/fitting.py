@@ -24,12 +24,12 @@ from .refitting import refitted_result
 
 
 def clip_options_of(args: argparse.Namespace) -> ClipOptions:
-    """The pictures that the arguments choose."""
+    """Return the pictures that the arguments choose."""
     return ClipOptions(args.frames, args.width, args.hold_out, args.masks)
 
 
 def config_of(args: argparse.Namespace) -> FitConfig:
-    """The profile with the arguments' changes; `--set` has the last word."""
+    """Return the profile with the arguments' changes; `--set` has the last word."""
     config = profile(args.profile)
     files = {}
     for entry in args.prior:
@@ -47,7 +47,7 @@ def config_of(args: argparse.Namespace) -> FitConfig:
 
 
 def fit_options_of(args: argparse.Namespace) -> FitOptions:
-    """Everything that the arguments of a fit ask for."""
+    """Return everything that the arguments of a fit ask for."""
     names = () if args.features is None else tuple(listed_teachers(args.features, "--features"))
     limits = {"minutes": args.minutes, "memory": args.memory, "window": args.window, "overlap": args.overlap}
     more = {"resume": args.resume, "features": names, "linear_light": args.linear_light}
@@ -89,7 +89,7 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def show_config(config: FitConfig) -> dict[str, Any]:
-    """Every setting with its value, what it may be and what it does."""
+    """Return every setting with its value, what it may be and what it does."""
     rows = {
         setting.name: {
             "value": setting.value if setting.settable else dict(setting.value),
@@ -102,7 +102,7 @@ def show_config(config: FitConfig) -> dict[str, Any]:
 
 
 def result_at_once(fitted: Fitted) -> dict[str, Any]:
-    """The result of a fit at once."""
+    """Return the result of a fit at once."""
     scene = fitted.main
     lines = [*_summary(scene), *remark_lines(fitted.remarks)]
     lines.append(f"{fitted.verdict} Why, and what you can supply: {scene.page}")
@@ -114,7 +114,7 @@ def result_at_once(fitted: Fitted) -> dict[str, Any]:
 
 
 def result_in_windows(fitted: Fitted) -> dict[str, Any]:
-    """The result of a fit in windows."""
+    """Return the result of a fit in windows."""
     lines, shots = remark_lines(fitted.remarks), []
     for number, scene in enumerate(fitted.scenes):
         figures = scene.metrics
@@ -151,12 +151,12 @@ def added_to(fitted: Fitted, number: int) -> dict[str, dict[str, Any]]:
 
 
 def remark_lines(remarks: Iterable[Remark]) -> list[str]:
-    """Lines for the terminal of what was left out, mended or guessed while a clip was read."""
+    """Return the lines for the terminal of what was left out, mended or guessed while a clip was read."""
     return [f"! {remark}" for remark in remarks]
 
 
 def _summary(scene: FittedScene) -> list[str]:
-    """The content of a scene, its quality and what the clip needed, in lines."""
+    """Return the content of a scene, its quality and what the clip needed, in lines."""
     (width, height), figures = scene.size, scene.metrics
     lines = [
         f"{scene.path}: {scene.static:,} static and {scene.dynamic:,} dynamic Gaussians"

@@ -81,7 +81,7 @@ def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _why_not_folded(scene: Scene) -> str:
-    """The reason why the first remaining edit cannot be folded in."""
+    """Return the reason why the first remaining edit cannot be folded in."""
     for number, edit in enumerate(of(scene).edits, 1):
         if edit.enabled and not edit.operation.lasts:
             return f"{edit.titled(number)} changes with time what base arrays hold once, and those after it build on it"
@@ -89,7 +89,7 @@ def _why_not_folded(scene: Scene) -> str:
 
 
 def _in_words(path: str, stack: EditStack) -> dict[int, str]:
-    """Id of an edit -> what it does; what is kept along the axes of the scene is put as the camera sees it."""
+    """Return id of an edit -> what it does; what is kept along the axes of the scene is put as the camera sees it."""
     edits = (*stack.edits, *reversed(stack.undone))
     words = {edit.id: describe(edit.operation) for edit in edits}
     if any(SCENE_AXES in does for does in words.values()):
@@ -108,7 +108,7 @@ def edit_line(edit: Edit, does: str) -> str:
 
 
 def _stack_result(args: argparse.Namespace, stack: EditStack, moved: int, verb: str) -> dict[str, Any]:
-    """The result of undo or redo, which moved so many edits; `verb` says what happened to them."""
+    """Return the result of undo or redo, which moved so many edits; `verb` says what happened to them."""
     done, undone = len(stack), len(stack.undone)
     fewer = f" (there were no more, {args.count} were asked for)" if moved < args.count else ""
     text = f"{args.scene}: {count_of(moved)} {verb}{fewer}; {count_of(done)} in effect, {undone} to redo"

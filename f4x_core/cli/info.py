@@ -21,7 +21,7 @@ LINE = 110
 
 
 def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Counts, sizes and provenance of a scene file."""
+    """Return the counts, sizes and provenance of a scene file."""
     scene = open_scene(args.scene, args.edits)
     info = scene.info()
     if scene.scaffold is not None:
@@ -46,7 +46,7 @@ def sentences(reading: object) -> list[str]:
 
 
 def summary(info: dict[str, Any]) -> dict[str, str]:
-    """Title -> text for about ten lines that summarise `Scene.info`."""
+    """Return title -> text for about ten lines that summarise `Scene.info`."""
     width, height = info["size"]
     parts = info["megabytes"]
     by_part = ", ".join(f"{part} {megabytes:.1f}" for part, megabytes in parts.items() if megabytes)

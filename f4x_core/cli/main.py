@@ -35,7 +35,7 @@ SAVED = ("priors/*", "checkpoints/*", "**/windows/*/*")
 
 
 def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dict[str, Any]]:
-    """The function behind a verb; imports only what that verb needs."""
+    """Return the function behind a verb; imports only what that verb needs."""
     from importlib import import_module
 
     modules = {"eval": "measuring", "render": "rendering", "export": "exporting"}

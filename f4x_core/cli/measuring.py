@@ -46,7 +46,7 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _read_joints(path: Path) -> Any:
-    """The joints of a file as `joint_accuracy` takes them, each number checked; F4xError."""
+    """Return the joints of a file as `joint_accuracy` takes them, each number checked; F4xError."""
     with undamaged(
         path, 'give hand-set joints: {"size": [W, H], "frames": [{"frame": 0, "joints": {"knee": [x, y]}}]}'
     ):

@@ -40,7 +40,7 @@ def run_mesh(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _ids_of(scene: Scene, args: argparse.Namespace, progress: Progress) -> np.ndarray:
-    """Ids of the Gaussians that the arguments select; all of them where nothing is given."""
+    """Return the ids of the Gaussians that the arguments select; all of them where nothing is given."""
     prompts = [f"--{name}" for name in MARKS if getattr(args, name) is not None]
     if args.select is not None:
         if prompts:

@@ -45,7 +45,7 @@ def run_open(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _scene_of(args: argparse.Namespace) -> Scene:
-    """The scene with its edits in its arrays, or one of splats from elsewhere."""
+    """Return the scene with its edits in its arrays, or one of splats from elsewhere."""
     if identify(args.scene, sequence=False) != "scene":
         opened = open_any(args.scene, sequence=False)
         if not isinstance(opened, Scene):

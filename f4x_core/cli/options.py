@@ -15,7 +15,7 @@ PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
 
 
 def add_verb(verbs: Verbs, name: str, description: str | None) -> argparse.ArgumentParser:
-    """A verb with the options that all of them have; one without a description is for programs and not listed."""
+    """Return a verb with the options that all of them have; one without a description is for programs and not listed."""
     listed: dict[str, Any] = {} if description is None else {"help": description, "description": description}
     sub = verbs.add_parser(name, **listed)
     sub.add_argument("--json", action="store_true", help="print one JSON object and nothing else on standard output")
@@ -61,7 +61,7 @@ def clip_options(sub: argparse.ArgumentParser) -> None:
 
 
 def edits_option(sub: argparse.ArgumentParser) -> None:
-    """With or without the edits of a scene."""
+    """Add the option that leaves the edits of a scene out."""
     sub.add_argument("--without-edits", dest="edits", action="store_false", help="the scene as it was fitted")
 
 

@@ -614,7 +614,7 @@ FIRST = """first steps:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of every verb."""
+    """Return the parser of every verb."""
     parser = Parser(
         prog="f4x",
         description="From one video to a 4D scene that moves, in Blender too.",

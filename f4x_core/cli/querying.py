@@ -105,7 +105,7 @@ def _name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def wanted_of(scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None = None) -> Wanted:
-    """The request that the arguments make. Raises F4xError for options that do not go together."""
+    """Return the request that the arguments make. Raises F4xError for options that do not go together."""
     given = [name for name in MARKS if getattr(args, name) is not None]
     if not given:
         kinds = ", ".join(f"--{name}" for name in MARKS)
@@ -127,7 +127,7 @@ def wanted_of(scene: Scene, args: argparse.Namespace, span: tuple[float, float] 
 
 
 def _needs_frame(given: list[str], args: argparse.Namespace) -> str:
-    """The sentence about marks without `--frame`."""
+    """Return the sentence about marks without `--frame`."""
     if len(given) > 1 or args.beside is not None or given[0] not in ALONE:
         return "Marks need --frame T: the clip frame that they are on."
     flag = "click" if args.verb == "name" and given == ["point"] else given[0]
@@ -135,7 +135,7 @@ def _needs_frame(given: list[str], args: argparse.Namespace) -> str:
 
 
 def _marks(scene: Scene, args: argparse.Namespace) -> list[Mark]:
-    """The marks on `--frame`."""
+    """Return the marks on `--frame`."""
     frame = args.frame
     marks: list[Mark] = [
         Point(frame, on, _numbers(text, 2, flag, "X,Y"))
@@ -159,7 +159,7 @@ def _line(text: str, flag: str) -> list[list[float]]:
 
 
 def _empty_line(selection: Selection, hint: str = "") -> str:
-    """The line that reports an empty selection."""
+    """Return the line that reports an empty selection."""
     best = float(selection.scores.max(initial=0))
     end = hint and f"; {hint}"
     return f"{selection.label}: nothing in the scene answers to it with {selection.threshold:g} or more (best: {best:.2f}){end}"

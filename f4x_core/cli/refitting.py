@@ -17,7 +17,7 @@ def run_refit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def refitted_result(done: Refitted) -> dict[str, Any]:
-    """The result of the verb."""
+    """Return the result of the verb."""
     figures = {"before_dB": done.before, "after_dB": done.after, "worst_dB": done.worst}
     text = (
         f"{done.path}: refitted for linear light. Drawn as Blender 5.3's Cycles draws, its pictures were {done.before:.1f} dB"

@@ -46,7 +46,7 @@ def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _reason(error: BaseException) -> BaseException:
-    """The first error of a group; one of standard output names it, and nothing more is written there."""
+    """Return the first error of a group; one of standard output names it, and nothing more is written there."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     if not isinstance(error, OSError):
@@ -56,7 +56,7 @@ def _reason(error: BaseException) -> BaseException:
 
 
 def _address(text: str) -> tuple[str, int]:
-    """(host, port) of `PORT` or `HOST:PORT`."""
+    """Return (host, port) of `PORT` or `HOST:PORT`."""
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdigit()):
         raise F4xError(f"--http {text}: write a port, for example --http 8484.")

@@ -31,7 +31,7 @@ BLEED = 2
 
 
 def picture_in(frames: Iterable[np.ndarray]) -> Picture | None:
-    """The picture within `frames (H,W,3)` uint8, of one size; None where it has no bars.
+    """Return the picture within `frames (H,W,3)` uint8, of one size; None where it has no bars.
 
     A bar is black in all of them, and opposite bars are alike. A single dark edge is part of the picture.
     """
@@ -50,7 +50,7 @@ def picture_in(frames: Iterable[np.ndarray]) -> Picture | None:
 
 
 def _bars(black: np.ndarray) -> tuple[int, int]:
-    """Rows of the bars before and behind the picture, of rows that are `black (n,)` bool; 0, 0 where it has none."""
+    """Return the rows of the bars before and behind the picture, of rows that are `black (n,)` bool; 0, 0 where it has none."""
     if black.all():
         return 0, 0
     before, behind = int(np.argmin(black)), int(np.argmin(black[::-1]))

@@ -155,7 +155,7 @@ def _same_place(a: _View, b: _View) -> bool:
 
 
 def _cells(frame: np.ndarray) -> np.ndarray:
-    """(h, w) float64 mean brightness (of 255) of square cells of a frame (H, W, 3), softened so that half a cell of motion
+    """Return (h, w) float64 mean brightness (of 255) of square cells of a frame (H, W, 3), softened so that half a cell of motion
     does not matter; rims that fill no cell are left out."""
     height, width = frame.shape[:2]
     side = max(1, round(width / COLUMNS))
@@ -167,7 +167,7 @@ def _cells(frame: np.ndarray) -> np.ndarray:
 
 
 def _match(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """Best correlation of two small pictures over all shifts, and the median log ratio of brightness b / a there."""
+    """Return the best correlation of two small pictures over all shifts, and the median log ratio of brightness b / a there."""
     tried: dict[tuple[int, int], float] = {}
     best, reach = (0, 0), range(-SHIFT, SHIFT + 1, 2)
     for places in (product(reach, repeat=2), product((-1, 0, 1), repeat=2)):  # every second one, then around the best
@@ -181,13 +181,13 @@ def _match(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 
 
 def _overlap(picture: np.ndarray, down: int, right: int) -> np.ndarray:
-    """The part of a picture that another one, shifted by so many cells, covers."""
+    """Return the part of a picture that another one, shifted by so many cells, covers."""
     rows, columns = picture.shape
     return picture[max(down, 0) : rows + min(down, 0), max(right, 0) : columns + min(right, 0)]
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Normalised correlation; two flat pictures are alike, a flat one and another are not."""
+    """Return normalised correlation; two flat pictures are alike, a flat one and another are not."""
     a, b = a - a.mean(), b - b.mean()
     flat = a.std() < FLAT, b.std() < FLAT
     if any(flat):

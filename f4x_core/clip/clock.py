@@ -34,11 +34,11 @@ class Shown(NamedTuple):
     pixels: np.ndarray
     """(H, W, 3) uint8 sRGB."""
     seconds: float
-    """Its time stamp; NaN where the file has none."""
+    """Time stamp; NaN where the file has none."""
     tick: float
     """Seconds to which time stamps are rounded."""
     number: int = 0
-    """Its place among all frames of the source, those that are left out included."""
+    """Index among all frames of the source, those that are left out included."""
     alpha: np.ndarray | None = None
     """(H, W) uint8, 0 where the picture hides its colours; None where it hides nothing."""
 
@@ -88,7 +88,7 @@ def read_clock(seconds: Sequence[float] | np.ndarray, tick: float, rate: float, 
 
 
 def _mended(stamps: np.ndarray) -> np.ndarray | None:
-    """`stamps (T,)` with the few that are out of order put evenly between their neighbours; None where too many are.
+    """Return `stamps (T,)` with the few that are out of order put evenly between their neighbours; None where too many are.
 
     Of two stamps in the wrong order either may be the wrong one: it is that which leaves the more even intervals. Some files
     have the times of decoding, which are the right ones in another order.
@@ -115,7 +115,7 @@ def _unevenness(stamps: np.ndarray, span: list[int]) -> tuple[int, float]:
 
 
 def _without(stamps: np.ndarray, span: list[int]) -> np.ndarray:
-    """`stamps` with those of the frames `span` replaced by some between their neighbours, or beyond the only one that it has."""
+    """Return `stamps` with those of the frames `span` replaced by times between, or beyond, their neighbours."""
     others = np.delete(np.arange(len(stamps)), span)
     new = stamps.copy()
     if span[0] > 0 and span[-1] < len(stamps) - 1:

@@ -48,7 +48,7 @@ MAP_WORDS = {"depth", "disparity", "disp", "normal", "normals", "flow", "thumb",
 """Words in the names of pictures that belong to another one and are no masks."""
 COLOUR_WORDS = {"rgb", "color", "colour", "image", "img", "frame", "picture", "pic", "photo"}
 """Words that tell nothing."""
-LEAST_NUMBERED = 3
+MIN_NUMBERED = 3
 """Pictures whose names differ by numbers alone, from which they are a sequence."""
 HEXADECIMAL = re.compile("[0-9a-fA-F]+")
 LOOKS = 12
@@ -71,7 +71,7 @@ class Frames(NamedTuple):
 
 
 def frames_in(folder: Path) -> Frames:
-    """The frames directly in `folder`, numbers in their names sorted by value; none if no folder."""
+    """Return the frames directly in `folder`, numbers in their names sorted by value; none if no folder."""
     if not folder.is_dir():
         return Frames([], [], np.zeros(0, np.int64), ())
     files = sorted(
@@ -119,7 +119,7 @@ def _told(sentence: str) -> Note:
 
 
 def _without_companions(files: list[Path]) -> tuple[list[Path], list[Path], list[Note]]:
-    """The frames among picture `files`, the masks of all of them or none, and what is left out.
+    """Return the frames among picture `files`, the masks of all of them or none, and what is left out.
 
     A companion has a word like `mask` in its name and belongs to a picture whose name has none, or it has the name of another
     picture and a second ending.
@@ -148,7 +148,7 @@ def _without_companions(files: list[Path]) -> tuple[list[Path], list[Path], list
 
 
 def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
-    """Picture `files` without those that are none of a numbered sequence beside them, and these.
+    """Return the picture `files` without those that are none of a numbered sequence beside them, and these.
 
     Such are variants of one of the sequence, whose name goes on with a word or whose copy they are, and pictures without a
     number. Files stay where no pattern of names is that of at least half of them.
@@ -156,7 +156,7 @@ def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
     patterns = {file: re.sub(r"\d+", "#", file.stem.lower()) for file in files}
     counts = Counter(patterns.values())
     main = max(counts, key=lambda each: (counts[each], -len(each)), default="")
-    if "#" not in main or counts[main] < LEAST_NUMBERED or 2 * counts[main] < len(files):
+    if "#" not in main or counts[main] < MIN_NUMBERED or 2 * counts[main] < len(files):
         return files, []
     sequence = {file.stem: file for file in files if patterns[file] == main}
     known = MASK_WORDS | MAP_WORDS
@@ -179,7 +179,7 @@ def _numbered(files: list[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def _role(file: Path, names: set[str]) -> tuple[tuple[str | int, ...], frozenset[str]]:
-    """The picture that a file belongs to, as the words and numbers of its name, and the words that make it a companion."""
+    """Return the picture that a file belongs to, as the words and numbers of its name, and the words that make it a companion."""
     stem = file.stem
     words = re.findall(r"[a-z]+|\d+", stem.lower())
     marks = {word for word in words if word in MASK_WORDS | MAP_WORDS}
@@ -191,7 +191,7 @@ def _role(file: Path, names: set[str]) -> tuple[tuple[str | int, ...], frozenset
 
 
 def _one_kind(files: list[Path]) -> tuple[list[Path], list[Path]]:
-    """`files` with one for each stem, of the ending that most of those in doubt have first; and the others."""
+    """Return `files` with one for each stem, of the ending that most of those in doubt have first; and the others."""
     by_stem: dict[str, list[Path]] = {}
     for file in files:
         by_stem.setdefault(file.stem, []).append(file)
@@ -232,7 +232,7 @@ def _review(files: tuple[Path, ...], changed: int, repeats: bool) -> Review:
 
 
 def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
-    """The value of white in 16-bit pictures, and what has to be said of it."""
+    """Return the value of white in 16-bit pictures, and what has to be said of it."""
     largest, kinds = 0, set()
     looks = evenly_spaced(len(files), LOOKS)
     for step, index in enumerate([*looks, *np.setdiff1d(np.arange(len(files)), looks)]):
@@ -258,7 +258,7 @@ def _white(files: tuple[Path, ...]) -> tuple[int, list[Note]]:
 
 
 def _small(row: int, file: Path, white: int) -> Shown:
-    """A picture to compare with others, of one pixel where it cannot be read."""
+    """Return a picture to compare with others, of one pixel where it cannot be read."""
     from PIL import Image
 
     try:

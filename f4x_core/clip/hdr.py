@@ -52,7 +52,7 @@ def _mobius(light: np.ndarray) -> np.ndarray:
 
 @cache
 def _linear(transfer: Transfer) -> np.ndarray:
-    """(65536,) float32 linear light of every code: HLG of the scene, PQ of the display, 1 = `PEAK`; ITU-R BT.2100 table 5 and 4."""
+    """Return (65536,) float32 linear light: of the scene (HLG) or the display (PQ), 1 = `PEAK`; ITU-R BT.2100 tables 4, 5."""
     code = np.arange(65536) / 65535
     if transfer == "hlg":
         a, b, c = 0.17883277, 0.28466892, 0.55991073
@@ -66,7 +66,7 @@ def _linear(transfer: Transfer) -> np.ndarray:
 
 @cache
 def _encoded() -> np.ndarray:
-    """(65536,) uint8 sRGB of linear light 0 to 1, IEC 61966-2-1."""
+    """Return (65536,) uint8 sRGB of linear light 0 to 1, IEC 61966-2-1."""
     light = np.arange(65536) / 65535
     return np.round(255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)).astype(
         np.uint8

@@ -77,7 +77,7 @@ class Deep(NamedTuple):
 
 
 def is_deep(image) -> bool:
-    """True for a picture opened by PIL that has more than 8 bits."""
+    """Return True for a picture opened by PIL that has more than 8 bits."""
     return image.mode.startswith(("I", "F")) or any(";16" in str(tile.args) for tile in image.tile)
 
 
@@ -165,7 +165,7 @@ def even_size(width: int, height: int, new_width: int | None) -> tuple[int, int]
 
 
 def even_height(width: int, height: int, new_width: int) -> int:
-    """Height of a picture of `width` x `height` that is made `new_width` wide, even as video codecs want."""
+    """Return the height of a picture of `width` x `height` that is made `new_width` wide, even as video codecs want."""
     return max(2, 2 * round(height * new_width / width / 2))
 
 
@@ -181,7 +181,7 @@ def resize_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def alike(width: int, height: int, other_width: int, other_height: int) -> bool:
-    """True where pictures of two sizes have the same aspect."""
+    """Return True where pictures of two sizes have the same aspect."""
     return abs(width * other_height / (height * other_width) - 1) <= ASPECT_TOLERANCE
 
 

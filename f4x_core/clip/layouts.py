@@ -81,7 +81,7 @@ class Layout:
 
     @classmethod
     def of(cls, name: str, frames: Frames, masks: list[Path]) -> Layout:
-        """The layout of a folder that has its `frames` and perhaps `masks` of its own; else those beside the frames."""
+        """Return the layout of a folder that has its `frames` and perhaps `masks` of its own; else those beside the frames."""
         return cls(name, frames.images, masks=masks or frames.masks, places=frames.places, notes=frames.notes)
 
 
@@ -145,7 +145,7 @@ def dycheck(folder: Path) -> Layout | None:
 
 
 def _nerfies_layout(folder: Path, name: str, ids: Sequence[str], times: np.ndarray | None = None) -> Layout:
-    """The pictures `ids` (all of them where there is none) with their cameras."""
+    """Return the pictures `ids` (all of them where there is none) with their cameras."""
     scale = _scale(folder / "rgb")
     if scale is None:
         raise F4xError(f"{folder}/rgb lacks a folder like 1x or 2x; put the frames there")
@@ -181,12 +181,12 @@ def _nerfies_layout(folder: Path, name: str, ids: Sequence[str], times: np.ndarr
 
 
 def _tangential(camera: dict[str, Any]) -> Any:
-    """The tangential distortion under its name in DyCheck, or in Nerfies."""
+    """Return the tangential distortion under its name in DyCheck, or in Nerfies."""
     return camera.get("tangential_distortion") or camera.get("tangential")
 
 
 def _scale(folder: Path) -> str | None:
-    """Name of the largest pictures in a folder of `1x`, `2x`, ...; None when there are none."""
+    """Return the name of the largest pictures in a folder of `1x`, `2x`, ...; None when there are none."""
     return next((f"{scale}x" for scale in SCALES if (folder / f"{scale}x").is_dir()), None)
 
 
@@ -223,7 +223,7 @@ def nvidia(folder: Path) -> Layout | None:
 
 
 def plain(folder: Path) -> Layout | None:
-    """A folder of pictures, or one that contains `images/` (then `masks/` beside it are the masks)."""
+    """Return a folder of pictures, or one that contains `images/` (then `masks/` beside it are the masks)."""
     inside = frames_in(folder / "images")
     if inside.images:
         return Layout.of(folder.name, inside, _masks_beside(folder))
@@ -235,7 +235,7 @@ def plain(folder: Path) -> Layout | None:
 
 
 def find_novel(folder: Path) -> list[Layout]:
-    """Cameras that a data set reserves for evaluation, in the folder of `find_layout`; none in other folders."""
+    """Return the cameras that a data set reserves for evaluation, in the folder of `find_layout`; none in other folders."""
     return dycheck_novel(folder) or nvidia_novel(folder)
 
 
@@ -313,7 +313,7 @@ def _masks_beside(folder: Path) -> list[Path]:
 
 
 def _dycheck_items(folder: Path) -> tuple[list[Item], list[Item]]:
-    """Pictures to learn from, in order of time, and those of other cameras; both empty where nothing tells."""
+    """Return the pictures to learn from, in order of time, and those of other cameras; both empty where nothing tells."""
     for train, test in DYCHECK_SPLITS:
         if (folder / "splits" / f"{train}.json").exists():
             return _split(folder / "splits" / f"{train}.json"), _split(folder / "splits" / f"{test}.json")
@@ -335,7 +335,7 @@ def _dycheck_items(folder: Path) -> tuple[list[Item], list[Item]]:
 
 
 def _split(file: Path) -> list[Item]:
-    """The pictures that a split names, in order of time; none where there is no such file."""
+    """Return the pictures that a split names, in order of time; none where there is no such file."""
     if not file.exists():
         return []
     data = _read_json(file)

@@ -13,7 +13,7 @@ from ..geometry.camera import CameraPath
 from .notes import Remark
 
 MIN_FRAMES = 3
-"""With fewer supervised frames nothing about motion or parallax can be told apart."""
+"""Supervised frames that a clip needs at least: fewer tell no motion from parallax."""
 MIN_SIDE = 16
 """Pixels; smaller pictures hold no pattern that flow could follow."""
 
@@ -34,7 +34,7 @@ class Picture:
 
     @classmethod
     def read(cls, values: object) -> Picture | None:
-        """From the JSON object of a scene file; None where that is none."""
+        """Read the JSON object of a scene file; None where that is none."""
         names = {entry.name for entry in fields(cls)}
         if (
             not isinstance(values, dict)
@@ -48,7 +48,7 @@ class Picture:
 
 
 def cut(pixels: np.ndarray, picture: Picture | None) -> np.ndarray:
-    """The `picture` of `pixels (h,w,…)`, a frame of its source or a mask of that at any size; all where it is None."""
+    """Return the `picture` of `pixels (h,w,…)`, a frame of its source or a mask of that at any size; all where it is None."""
     if picture is None:
         return pixels
     down, across = pixels.shape[0] / picture.height, pixels.shape[1] / picture.width
@@ -76,7 +76,7 @@ class Clip:
     source: str
     """The path it was read from."""
     picked: str = ""
-    """Its frames of that source, `first:end:step` with all three numbers; empty = not known."""
+    """Frames of that source, `first:end:step` with all three numbers; empty = not known."""
     cameras: CameraPath | None = None
     """Cameras of all T frames at `times`, in the units of the source, where the source knows them."""
     masks: np.ndarray | None = None

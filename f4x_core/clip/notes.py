@@ -40,7 +40,7 @@ class Remark:
     advice: str = ""
 
     def __str__(self) -> str:
-        """Both as one text."""
+        """Return both as one text."""
         return f"{self.what} {self.advice}".strip()
 
 
@@ -70,7 +70,7 @@ def remarks(
 
 
 def gaps(times: np.ndarray, fps: float) -> list[Note]:
-    """Notes of the long intervals between the frames of a clip, shown at `times (T,)` clip frames."""
+    """Return the notes of the long intervals between the frames of a clip, shown at `times (T,)` clip frames."""
     steps = np.diff(times)
     if len(steps) < 2:
         return []

@@ -29,5 +29,5 @@ def as_8_bit(values: np.ndarray, white: int = WHITE) -> np.ndarray:
 
 
 def white_of(largest: int) -> int:
-    """The value of white in 16-bit pictures whose `largest` value is known."""
+    """Return the value of white in 16-bit pictures whose `largest` value is known."""
     return next((2**bits - 1 for bits in BITS if largest < 2**bits), WHITE)

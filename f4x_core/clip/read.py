@@ -1,4 +1,4 @@
-"""From a path that a person gives to a `Clip`."""
+"""Reads a `Clip` from a path that a person gives."""
 
 from collections.abc import Callable
 from functools import partial
@@ -83,7 +83,7 @@ def read_clip(
 
 
 def usual_width(source: str | Path) -> int:
-    """Width in pixels at which the longer side of the pictures of `source` has `USUAL_SIDE`, if they are so large."""
+    """Return the width in pixels at which the longer side of the pictures of `source` has `USUAL_SIDE`, if they are so large."""
     first = read_clip(source, "0:1")
     return even_size(first.width, first.height, USUAL_SIDE * first.width // max(first.width, first.height))[0]
 
@@ -179,7 +179,7 @@ def _stacked(kept: list[np.ndarray], file: Path) -> np.ndarray:
 
 
 def _read_masks(masks: str | Path, source: Source, pictures: _Pictures) -> np.ndarray:
-    """The masks of the frames, cut and resized as they are."""
+    """Return the masks of the frames, cut and resized as they are."""
     layout, (height, width) = source.layout, pictures.frames.shape[1:3]
     if str(masks) == LAYOUT and layout is not None and len(layout.masks) == len(layout.images):
         files = [layout.masks[index] for index in pictures.indices]

@@ -19,7 +19,7 @@ TREMBLE_FRAMES = 7  # a hand's tremble is correlated over about so many frames
 
 
 def camera_poses(scene: RenderedScene, times: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Position (T,3) and target (T,3) of the camera at `times` (T,) 0..1; times beyond the clip go on."""
+    """Return the position (T,3) and target (T,3) of the camera at `times` (T,) 0..1; times beyond the clip go on."""
     move, focus = scene.camera, np.array([0.0, 0.0, scene.focus_height])
     position, target = _smooth_path(move, focus, times)
     tremble = _tremble(times, seed)
@@ -59,7 +59,7 @@ def _tremble(times: np.ndarray, seed: int) -> np.ndarray:
 
 
 def body_poses(way: Way, corners: np.ndarray, times: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Position (T,3) of a body's centre and its quaternion wxyz (T,4) at `times` (T,) 0..1 of a clip that long.
+    """Return the position (T,3) of a body's centre and its quaternion wxyz (T,4) at `times` (T,) 0..1 of a clip that long.
 
     `corners` (n,3) are the body's vertices about its centre, at rest upright; the lowest one touches the ground z = 0
     unless the body hops, falls or swings.
@@ -82,7 +82,7 @@ def body_poses(way: Way, corners: np.ndarray, times: np.ndarray, seconds: float)
 
 
 def _rolled(ground: np.ndarray, radius: float) -> np.ndarray:
-    """Quaternions (T,4) of a ball that rolls along (T,2) without slipping."""
+    """Return the quaternions (T,4) of a ball that rolls along (T,2) without slipping."""
     steps = np.diff(ground, axis=0)
     turns = [np.array([1.0, 0.0, 0.0, 0.0])]
     for x, y in steps:  # the axis lies across the way
@@ -91,7 +91,7 @@ def _rolled(ground: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _swung(swing: Swing, ground: np.ndarray, below: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (T,3) and quaternion (T,4) of a body that reaches `below` its centre and swings above (T,2), in the xz plane."""
+    """Return centre (T,3) and quaternion (T,4) of a body, `below` from centre to base, that swings above `ground` (T,2) along x."""
     angle = np.radians(swing.degrees) * np.sin(2 * np.pi * swing.times * times)
     hung = swing.lowest + below + swing.length
     centre = np.column_stack([ground, np.full(len(times), hung)])
@@ -100,7 +100,7 @@ def _swung(swing: Swing, ground: np.ndarray, below: float, times: np.ndarray) ->
 
 
 def _bounced(clock: np.ndarray, drop: float) -> np.ndarray:
-    """Height (T,) of a point that falls from `drop` at second 0 and bounces until it rests."""
+    """Return the height (T,) of a point that falls from `drop` at second 0 and bounces until it rests."""
     if drop <= 0:
         return np.zeros_like(clock)
     height, begin, speed = np.zeros_like(clock), np.sqrt(2 * drop / GRAVITY), np.sqrt(2 * GRAVITY * drop)
@@ -116,7 +116,7 @@ def _bounced(clock: np.ndarray, drop: float) -> np.ndarray:
 
 
 def _tumbled(clock: np.ndarray, drop: float) -> np.ndarray:
-    """Quaternions (T,4) of a body that tumbles while it bounces and comes to rest on a side."""
+    """Return the quaternions (T,4) of a body that tumbles while it bounces and comes to rest on a side."""
     rests = np.sqrt(2 * drop / GRAVITY) * (1 + 2 * RESTITUTION + 2 * RESTITUTION**2)
     left = 1 - np.clip(clock / rests, 0, 1)  # 1 at the start, 0 at rest
     angle = -np.pi / 2 * QUARTER_TURNS * left**1.5

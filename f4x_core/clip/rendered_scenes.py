@@ -1,4 +1,4 @@
-"""The scenes of rendered clips as data: what stands where, what moves and how, and which way the camera goes.
+"""The scenes of rendered clips as data: objects, their places and motions, and camera paths.
 
 Metres, z up. The camera starts at y = -`distance` and looks along +y at the focus, a point above the origin; extra cameras
 turn about the focus. Times run over 0..1 of the clip.
@@ -32,7 +32,7 @@ class CameraMove:
     turn: float = 0.0
     """Degrees that a `pan` turns through."""
     distance: float = 5.0
-    """From the focus at the start, metres."""
+    """Distance from the focus at the start, metres."""
     height: float = 1.6
     """Above the ground, metres."""
     tremble: float = 0.006
@@ -46,9 +46,9 @@ class Swing:
     """A body hangs by a point above it and swings across the view, as far to the left as to the right."""
 
     length: float
-    """From the point to the body's centre, metres."""
+    """Distance from the point to the body's centre, metres."""
     degrees: float
-    """To either side."""
+    """Largest angle to either side."""
     times: float
     """There and back during the clip."""
     lowest: float
@@ -70,7 +70,7 @@ class Way:
     drop: float = 0.0
     """Height (metres) from which it falls at first; it bounces, tumbles and comes to rest on a side."""
     swing: Swing | None = None
-    """It hangs above the curve and swings."""
+    """True if it hangs above the curve and swings."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ SCENES = {
 def _people(
     name: str, camera: CameraMove, figures: tuple[Figure, ...], bodies: tuple[Body, ...] = (), **rest: Any
 ) -> RenderedScene:
-    """A clip of people, at the size of real ones; before stronger patterns the networks take the wall for somebody."""
+    """Return a clip of people, at the size of real ones; before stronger patterns the networks take the wall for somebody."""
     return RenderedScene(
         name, "yard", camera, bodies, figures=figures, size=(480, 270), focus_height=0.9, contrast=0.25, **rest
     )
@@ -353,7 +353,7 @@ EXAMPLES = {
 
 
 def scenes_named(names: Sequence[str]) -> list[RenderedScene]:
-    """The scenes that `names` names, each once; `ALL` stands for every one of `SCENES`. F4xError for an unknown name."""
+    """Return the scenes that `names` names, each once; `ALL` stands for every one of `SCENES`. F4xError for an unknown name."""
     known = SCENES | PEOPLE | EXAMPLES
     wanted = dict.fromkeys(SCENES if ALL in names else names)
     for name in wanted:

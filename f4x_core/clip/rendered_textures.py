@@ -13,7 +13,7 @@ COLOURS = 6
 
 
 def texture(seed: int, pattern: str = "", strength: float = 1.0) -> np.ndarray:
-    """An sRGB image (SIZE,SIZE,3) float32 in 0..1 of one of `PATTERNS` (the seed chooses without a name), broken up by noise.
+    """Return an sRGB image (SIZE,SIZE,3) float32 in 0..1 of one of `PATTERNS` (by the seed without a name), broken up by noise.
 
     `strength` 0..1 is the contrast of the pattern's colours; that of the noise stays.
     """
@@ -28,7 +28,7 @@ def texture(seed: int, pattern: str = "", strength: float = 1.0) -> np.ndarray:
 
 
 def noise(random: np.random.Generator, cells: int) -> np.ndarray:
-    """Value noise (SIZE,SIZE) in 0..1 of `cells` cells a side, which tiles."""
+    """Return the value noise (SIZE,SIZE) in 0..1 of `cells` cells a side, which tiles."""
     values = random.random((cells, cells))
     at = np.arange(SIZE) * cells / SIZE
     low, part = at.astype(int), at % 1
@@ -47,7 +47,7 @@ def _colours(random: np.random.Generator) -> np.ndarray:
 
 
 def _patches(random: np.random.Generator) -> np.ndarray:
-    """Number of the nearest of random points."""
+    """Return the number of the nearest of random points."""
     points = random.random((48, 2)) * SIZE
     grid = np.stack(np.meshgrid(np.arange(SIZE), np.arange(SIZE), indexing="ij"), -1)[..., None, :]
     apart = np.abs(grid - points)
@@ -56,7 +56,7 @@ def _patches(random: np.random.Generator) -> np.ndarray:
 
 
 def _bricks(random: np.random.Generator) -> np.ndarray:
-    """Rows of bricks, each of one of four colours, with mortar."""
+    """Return the rows of bricks, each of one of four colours, with mortar."""
     row, column = np.meshgrid(np.arange(SIZE), np.arange(SIZE), indexing="ij")
     high, wide = SIZE // 16, SIZE // 8
     line = row // high
@@ -66,7 +66,7 @@ def _bricks(random: np.random.Generator) -> np.ndarray:
 
 
 def _checks(random: np.random.Generator) -> np.ndarray:
-    """Squares of random colours, no two neighbours from the same half of the palette."""
+    """Return the squares of random colours, no two neighbours from the same half of the palette."""
     cells = 10
     at = np.arange(SIZE) * cells // SIZE
     kinds = 2 * random.integers(0, COLOURS // 2, (cells, cells)) + np.indices((cells, cells)).sum(0) % 2

@@ -1,6 +1,6 @@
 """Frames that repeat the one before: 24 frames a second written as 30, every frame twice, a varying rate made constant.
 
-A camera that seems to stop every few frames looks bumped, and what moves seems to stutter.
+A camera that seems to stop every few frames looks bumped, and moving objects seem to stutter.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MAX_REPEATS = 5
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:
-    """Mean absolute difference of two pictures (H,W,3) uint8 in levels; infinite where their sizes differ."""
+    """Return the mean absolute difference of two pictures (H,W,3) uint8 in levels; infinite where their sizes differ."""
     import cv2
 
     return sum(cv2.mean(cv2.absdiff(a, b))[:3]) / 3 if a.shape == b.shape else np.inf
@@ -46,7 +46,7 @@ class _Run:
 def without_repeats(frames: Iterable[Shown], notes: list[Note]) -> Iterator[Shown]:
     """Yield `frames` but for those that repeat the one before; says so in `notes`.
 
-    A frame counts as a repeat where the picture moves before and after: what stands still is no repeat. At most `MAX_REPEATS`
+    A frame counts as a repeat where the picture moves before and after: a picture at rest is no repeat. At most `MAX_REPEATS`
     frames wait for the one after them.
     """
     run: _Run | None = None

@@ -105,14 +105,14 @@ class Source:
                 yield shown._replace(pixels=pixels, alpha=hidden)
 
     def clock(self, seconds: list[float] | np.ndarray, tick: float, step: int) -> Clock:
-        """The clock of frames of the source that are `step` apart."""
+        """Return the clock of frames of the source that are `step` apart."""
         rate, slower = self.claimed[0], 0.0
         if any(note.kind == "repeated" for note in self.notes):
             slower = rate_without_repeats(self.stamps, rate) / step
         return read_clock(seconds, tick, rate / step, slower)
 
     def remarks(self, indices: np.ndarray, clock: Clock, hidden: float) -> tuple[Remark, ...]:
-        """Remarks on the clip of frames `indices` with this clock, of whose pixels alpha hides a fraction `hidden`."""
+        """Return the remarks on the clip of frames `indices` with this clock, of whose pixels alpha hides a fraction `hidden`."""
         numbers = np.array(self.numbers)[indices]
         timed = [note._replace(frame=int(numbers[note.frame])) for note in clock.notes]
         whole = int(indices[0]) == 0, self.ended and int(indices[-1]) == len(self.numbers) - 1
@@ -153,7 +153,7 @@ class Source:
 
 
 def kept_of(layout: Layout, rows: np.ndarray, places: np.ndarray) -> Layout:
-    """The layout with the images `rows` alone, each at its place in time."""
+    """Return the layout with the images `rows` alone, each at its place in time."""
 
     def chosen(files: list[Path]) -> list[Path]:
         return [files[row] for row in rows] if len(files) == len(layout.images) else files

@@ -52,7 +52,7 @@ class Survey:
         return f"{self.first + start * self.step}:{self.first + (end - 1) * self.step + 1}:{self.step}"
 
     def clock(self, start: int, end: int) -> Clock:
-        """The clock of a clip of the frames `start` to `end` (not included)."""
+        """Return the clock of a clip of the frames `start` to `end` (not included)."""
         if self.seconds is None or self.source is None:
             return Clock(np.arange(end - start, dtype=np.float64), self.rate)
         return self.source.clock(self.seconds[start:end], self.tick, self.step)
@@ -100,13 +100,13 @@ class ClipStream:
             )
 
     def _size(self, width: int, height: int) -> tuple[int, int]:
-        """Size that a frame of the source is resized to: exactly the wanted one where rounding alone makes a difference."""
+        """Return the size that a frame of the source gets: exactly the wanted one if rounding alone makes the difference."""
         found = even_size(width, height, self.width)
         return (self.width, self.height) if abs(found[1] - self.height) <= 2 else found
 
 
 def reported_frame_count(source: str | Path, frames: str | None = None) -> int:
-    """Number of frames that `read_clip` would read, from the metadata of the source; 0 where those do not give it."""
+    """Return the number of frames that `read_clip` would read, from the metadata of the source; 0 where those do not give it."""
     source = user_path(source)
     total = describe(source)[1] if source.is_file() else len(find_layout(source).images)
     return len(frame_indices(frames, total, source)) if total else 0

@@ -26,7 +26,7 @@ UNIT = re.compile(r"nal_unit_type: ([15])\(.*?nal_ref_idc: (\d)")
 """Type and reference flag of a slice: 5 restarts the count of references; at 0 no other picture is built on it."""
 COUNT = re.compile(r"\bframe:(\d+)")
 """References before a slice, `frame_num` of ITU-T H.264, 7.4.3; begins again at a power of 2 from 16 on."""
-LEAST_COUNTED = 16
+MIN_COUNTED = 16
 LEAVE_OUT_BY_THEMSELVES = {"hevc"}
 """Decoders that give no frame for a packet that is built on a missing one, and one for every other packet."""
 MISSING = "Missing reference picture"
@@ -118,7 +118,7 @@ class UndamagedFrames:
             self.lost_before = serial + AFTER_LOSS
 
     def _frames(self, packet: Any, serial: int) -> list[Any]:
-        """The frames that come out of the decoder for a packet; looks in FFmpeg's log for a loss before it."""
+        """Return the frames that come out of the decoder for a packet; looks in FFmpeg's log for a loss before it."""
         from av import logging
 
         if self.decoder.name not in TRACED:
@@ -136,14 +136,14 @@ class UndamagedFrames:
                 self.damaged.append(key - BETWEEN if leading else serial - BETWEEN * (serial == key))
 
     def _lost(self, log: str) -> bool:
-        """True where a reference before a picture is missing, by the decoder's log."""
+        """Return True where a reference before a picture is missing, by the decoder's log."""
         unit, count = UNIT.search(log), COUNT.search(log)
         if unit is None or count is None:
             return False
         number, before = int(count[1]), self.reference
         if unit[2] != "0":
             self.reference = number
-        again = before + 1 >= LEAST_COUNTED and (before + 1).bit_count() == 1 and number == 0
+        again = before + 1 >= MIN_COUNTED and (before + 1).bit_count() == 1 and number == 0
         follows = unit[1] == "5" or before < 0 or number - before in (0, 1) or again
         return not follows or MISSING in log
 

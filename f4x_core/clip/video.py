@@ -172,7 +172,7 @@ def _each_frame(container, stream, decoder) -> Iterator:
 
 
 def _upright(frame, stream) -> tuple[np.ndarray, np.ndarray | None]:
-    """Colours (H,W,3) and alpha (H,W) or None of a decoded frame as it is to be shown."""
+    """Return the colours (H,W,3) and alpha (H,W) or None of a decoded frame as it is to be shown."""
     aspect, file = stream.sample_aspect_ratio, stream.container.name
 
     def shown(pixels: np.ndarray) -> np.ndarray:
@@ -185,12 +185,12 @@ def _upright(frame, stream) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _alpha(alpha: np.ndarray) -> np.ndarray | None:
-    """Alpha (H,W) uint8, None where it hides nothing."""
+    """Return the alpha (H,W) uint8, None where it hides nothing."""
     return None if (alpha >= SEEN).all() else np.ascontiguousarray(alpha)
 
 
 def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
-    """`pixels` (H,W,3) turned by right angles and flipped as the film's display matrix says; F4xError for any other matrix."""
+    """Return `pixels` (H,W,3) turned by right angles and flipped by the film's display matrix; F4xError for other matrices."""
     from av.sidedata.sidedata import Type
 
     try:
@@ -214,7 +214,7 @@ def _displayed(pixels: np.ndarray, frame, file: str) -> np.ndarray:
 
 
 def _breaks_off(container, stream, end: float) -> bool:
-    """True for a film whose last packet is shown until `end` (seconds), before its announced end; MP4 and MOV announce one."""
+    """Return True for a film whose last packet ends at `end` (seconds), before the end that MP4 and MOV announce."""
     if "mp4" not in container.format.name or not stream.duration or not stream.average_rate:
         return False
     return end + 1.5 / stream.average_rate < ((stream.start_time or 0) + stream.duration) * stream.time_base
@@ -262,7 +262,7 @@ def _pulled(graph, numbers: deque[int]) -> Iterator[Numbered]:
 
 
 def _rgb(frame, stream) -> np.ndarray:
-    """`(H, W, 3)` uint8 sRGB of a decoded frame."""
+    """Return `(H, W, 3)` uint8 sRGB of a decoded frame."""
     from av.video.reformatter import Colorspace
 
     transfer = HDR.get(stream.codec_context.color_trc)
@@ -286,7 +286,7 @@ def _rgb(frame, stream) -> np.ndarray:
 
 
 def _from_ycgco(frame) -> np.ndarray:
-    """`(H, W, 3)` uint8 of a frame in Y, Cg and Co, ITU-T H.273; FFmpeg converts no such colours."""
+    """Return `(H, W, 3)` uint8 of a frame in Y, Cg and Co, ITU-T H.273; FFmpeg converts no such colours."""
     frame.colorspace, full = (
         BT601,
         frame.color_range == FULL_RANGE,
@@ -298,7 +298,7 @@ def _from_ycgco(frame) -> np.ndarray:
 
 
 def _squared(pixels: np.ndarray, aspect: Fraction | None) -> np.ndarray:
-    """The picture with square pixels: as high as it was, `aspect` (width of a pixel to its height) times as wide."""
+    """Return the picture with square pixels: as high as it was, `aspect` (width of a pixel to its height) times as wide."""
     import cv2
 
     height, width = pixels.shape[:2]
@@ -333,12 +333,12 @@ def _opened(file: Path):
 
 
 def _candidates(container) -> list:
-    """The streams of moving pictures that can be decoded."""
+    """Return the streams of moving pictures that can be decoded."""
     return [each for each in container.streams.video if _kind(each) == "video"]
 
 
 def _kind(stream) -> str:
-    """The kind of a stream: the cover of a song is one of a single picture, and some are made by encoders not known here."""
+    """Return the kind of a stream: the cover of a song is one of a single picture, and some are made by encoders not known here."""
     from av.stream import Disposition
 
     if stream.type == "video" and stream.codec_context is None:

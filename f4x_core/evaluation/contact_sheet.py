@@ -54,7 +54,7 @@ def contact_sheet(
 
 
 def _full_motion(motions: list[np.ndarray]) -> float:
-    """The motion in pixels per frame that gets the full colour."""
+    """Return the motion in pixels per frame that gets the full colour."""
     lengths = np.linalg.norm(np.stack(motions), axis=-1)
     moving = lengths[lengths > MIN_MOTION / 10]
     return max(float(np.percentile(moving, FULL_MOTION)), MIN_MOTION) if moving.size else MIN_MOTION

@@ -1,4 +1,4 @@
-"""How well a scene shows its clip: used frames, held-out frames with registered or refined camera, simple baselines."""
+"""Scores a scene against its clip: used frames, held-out frames with registered or refined camera, simple baselines."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Figures:
     perceptual: bool = False
     """LPIPS, where it can run."""
     masks: Mapping[int, np.ndarray] | None = None
-    """Clip frame -> (H,W) bool of what moves by the priors or a person: adds `mask_scores`."""
+    """Clip frame -> (H,W) bool of moving objects by the priors or a person: adds `mask_scores`."""
 
 
 def evaluate(
@@ -110,7 +110,7 @@ def evaluate(
     held_out, figures = set(scene.held_out), figures or Figures()
 
     def scores(index: int) -> dict[str, Any]:
-        """Scores of one frame."""
+        """Return the scores of one frame."""
         moment = FrozenMoment(scene, float(cameras.times[index]), backend)
         target, seen = frame_of(clip, index)
         rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
@@ -156,12 +156,12 @@ def frame_of(clip: Clip, index: int) -> tuple[Tensor, Tensor | None]:
 
 
 def within(region: Tensor, seen: Tensor | None) -> Tensor:
-    """The part of a region (H,W) that was seen."""
+    """Return the part of a region (H,W) that was seen."""
     return region if seen is None else region * seen
 
 
 def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
-    """Means over used and held-out frames of every figure in the rows, LEADING first; NaN (an absent region) is left out."""
+    """Return the means over used and held-out frames of every figure in the rows, LEADING first; NaN (no region) is left out."""
     result: dict[str, float] = {}
     for group, held_out in (("used", False), ("held_out", True)):
         rows = [row for row in frames if row["held_out"] == held_out]
@@ -174,7 +174,7 @@ def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def without_frames(metrics: dict[str, Any]) -> dict[str, Any]:
-    """The result of `evaluate` without its rows for single frames."""
+    """Return the result of `evaluate` without its rows for single frames."""
     return {name: value for name, value in metrics.items() if name != "frames"}
 
 
@@ -222,7 +222,7 @@ def refine(
 
 
 def mask_scores(image: Tensor, moving: Tensor, target: Tensor, mask: np.ndarray) -> dict[str, float]:
-    """Scores of moving objects over a mask (H,W) that does not depend on the scene; empty if the mask is too small.
+    """Return the scores of moving objects over a mask (H,W) that does not depend on the scene; empty if the mask is too small.
 
     `psnr_mask` (dB) compares the pictures (H,W,3), `mover_coverage` is the mean dynamic alpha `moving (H,W)`.
     """
@@ -276,7 +276,7 @@ def registered_scores(
 
 
 def beside(frames: int, index: int, held_out: set[int]) -> tuple[int, ...]:
-    """The last used clip frame before `index` and the first after it; one of them at an end of the clip's `frames`."""
+    """Return the last used clip frame before `index` and the first after it; one of them at an end of the clip's `frames`."""
     used = [i for i in range(frames) if i not in held_out]
     before = max((i for i in used if i < index), default=None)
     after = min((i for i in used if i > index), default=None)
@@ -284,13 +284,13 @@ def beside(frames: int, index: int, held_out: set[int]) -> tuple[int, ...]:
 
 
 def _fraction(clip: Clip, index: int, neighbours: tuple[int, ...]) -> float:
-    """How far in time frame `index` is on the way between two `neighbours`, 0 to 1."""
+    """Return the place in time of frame `index` between two `neighbours`, 0 to 1."""
     before, now, after = clip.times[[neighbours[0], index, neighbours[1]]]
     return float((now - before) / (after - before))
 
 
 def baseline_scores(clip: Clip, index: int, held_out: set[int]) -> dict[str, float]:
-    """PSNR of the nearest used frame, and of the half-way flow blend of the two neighbours, as pictures of frame `index`."""
+    """Return the PSNR of the nearest used frame, and of a half-way flow blend of both neighbours, as pictures of frame `index`."""
     neighbours = beside(len(clip), index, held_out)
     target, seen = frame_of(clip, index)
     nearest = min(neighbours, key=lambda i: abs(clip.times[i] - clip.times[index]))

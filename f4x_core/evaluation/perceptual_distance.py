@@ -23,7 +23,7 @@ NOT_RUN = "LPIPS: not run; "
 
 
 def lpips(image: np.ndarray, target: np.ndarray) -> float | None:
-    """LPIPS of RGB pictures (H,W,3) in [0,1], 0 where they are equal; None where it can't run, or a side is below 31 pixels."""
+    """Return the LPIPS of RGB pictures (H,W,3) in [0,1], 0 for equal ones; None where it can't run, or for a side below 31."""
     distance = _distance(image, target, spatial=False)
     return None if distance is None else distance.item()
 
@@ -37,7 +37,7 @@ def lpips_bytes(image: np.ndarray, target: np.ndarray) -> float | None:
 
 
 def masked_lpips(image: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float | None:
-    """LPIPS of RGB pictures (H,W,3) in [0,1] over the pixels of `mask` (H,W) bool: DyCheck's mLPIPS (Gao et al. 2022).
+    """Return the LPIPS of RGB pictures (H,W,3) in [0,1] over the pixels of `mask` (H,W) bool: DyCheck's mLPIPS (Gao et al. 2022).
 
     Both pictures are black outside the mask, and the mean over the mask is of the map of distances at the pictures' size
     (`spatial=True`). NaN where no pixel counts; None as in `lpips`.
@@ -55,7 +55,7 @@ def lpips_missing() -> list[str]:
 
 
 def _distance(image: np.ndarray, target: np.ndarray, spatial: bool) -> np.ndarray | None:
-    """() or, `spatial`, (H,W) of pictures (H,W,3) in [0,1]."""
+    """Return () or, `spatial`, (H,W) of pictures (H,W,3) in [0,1]."""
     network = _load(spatial)
     if isinstance(network, str) or min(image.shape[:2]) < MIN_SIDE:
         return None

@@ -1,4 +1,4 @@
-"""Where the camera of a held-out frame stands, by geometry alone: optical flow to used frames and the scene's depth there.
+"""Registers the camera of a held-out frame by geometry alone: optical flow to used frames and the scene's depth there.
 
 Held-out frames are judged with this camera: an interpolated one does not know the hand that shook, and one refined on colours
 has seen the picture it is judged by. No colour of the scene is compared with the frame.
@@ -21,7 +21,7 @@ NEIGHBOURS, REACH = 3, 6
 """Used frames on either side that a held-out frame is matched with, and how many clip frames away they may be: flow fails over
 long gaps, and each neighbour's own camera error averages out."""
 FLOW_PRESET, FLOW_REFINEMENTS = "fine", 0
-"""Of DIS. Variational refinement moves no score by more than 0.02 dB (means of train and of dog)."""
+"""Settings of DIS. Variational refinement moves no score by more than 0.02 dB (means of train and of dog)."""
 CELLS = 60
 """Cells across the picture; each gives at most one point, so that one textured wall does not outvote the rest."""
 MIN_CELL = 6
@@ -29,7 +29,7 @@ MIN_CELL = 6
 MIN_TEXTURE = 1e-4
 """Smaller eigenvalue of the structure tensor (grey in [0,1]): gradients of about 1.3 grey levels a pixel, the noise of a phone."""
 MAX_RETURN_PX = 0.5
-"""How far a point may land from its start after flow there and back."""
+"""Largest distance between a point and its image after flow there and back."""
 MIN_ALPHA = 0.8
 """A used frame's pixel with less has no dependable depth."""
 MOVING_ALPHA, MOVING_MARGIN = 0.1, 0.02
@@ -57,7 +57,7 @@ class Registration:
     error_px: float
     """Median reprojection error of `camera`, pixels; NaN without points."""
     interpolated_error_px: float
-    """That of the interpolated camera."""
+    """Error in pixels of the interpolated camera."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def register_camera(scene: Scene, clip: Clip, frame: int, backend: str = "auto")
 
 
 def near_used(scene: Scene, frames: int, frame: int) -> list[int]:
-    """Used clip frames near `frame` of a clip of `frames`, nearest first, at most NEIGHBOURS on either side."""
+    """Return used clip frames near `frame` of a clip of `frames`, nearest first, at most NEIGHBOURS on either side."""
     held_out = set(scene.held_out)
     used = [other for other in range(frames) if other not in held_out and abs(other - frame) <= REACH]
     before = [other for other in used if other < frame][-NEIGHBOURS:]
@@ -99,7 +99,7 @@ def near_used(scene: Scene, frames: int, frame: int) -> list[int]:
 
 
 def resected(start: Camera, points: np.ndarray, pixels: np.ndarray) -> Camera:
-    """The camera that sees world `points (N,3)` at `pixels (N,2)`, robustly, with the intrinsics of `start`, found from there."""
+    """Return the camera that sees world `points (N,3)` at `pixels (N,2)`, robustly, from `start`, whose intrinsics it keeps."""
     focal = float(start.intrinsics[0, 0])
     at_origin = Camera(start.intrinsics, np.eye(4), start.width, start.height)
     plane = at_origin.unproject(pixels, np.ones(len(pixels)))[:, :2]
@@ -115,7 +115,7 @@ def resected(start: Camera, points: np.ndarray, pixels: np.ndarray) -> Camera:
 def halfway_offset(
     scene: Scene, frame: int, neighbours: tuple[int, ...], fraction: float, camera: Camera, backend: str = "auto"
 ) -> np.ndarray:
-    """From the pixels of `camera` at clip frame `frame` to where a blend along flow shows the same surface, (H,W,2) float32.
+    """Return (H,W,2) float32: ways from pixels of `camera` at clip `frame` to the same surface in a blend along flow.
 
     A blend puts a surface point on the straight line between its pixels in the two `neighbours`, at `fraction` of the way; the
     scene's depth at `camera` says which point each pixel sees. With one neighbour it is the point's pixel there.
@@ -133,7 +133,7 @@ def halfway_offset(
 
 
 def _sightings(scene: Scene, clip: Clip, used: int, frame: int, flow: Flow, backend: str) -> Sightings:
-    """Static points with texture that clip frame `used` sees, and where flow finds them in `frame`."""
+    """Return the static points with texture that clip frame `used` sees, and where flow finds them in `frame`."""
     import cv2
 
     camera, time = scene.cameras[used], float(scene.cameras.times[used])
@@ -153,7 +153,7 @@ def _sightings(scene: Scene, clip: Clip, used: int, frame: int, flow: Flow, back
 
 
 def _smooth(depth: np.ndarray) -> np.ndarray:
-    """(H,W) bool: depth is known here and at all neighbours, and takes no step."""
+    """Return (H,W) bool: depth is known here and at all neighbours, and takes no step."""
     import cv2
 
     filled, window = np.nan_to_num(depth), np.ones((3, 3), np.uint8)
@@ -162,7 +162,7 @@ def _smooth(depth: np.ndarray) -> np.ndarray:
 
 
 def _near_motion(dynamic: np.ndarray) -> np.ndarray:
-    """(H,W) bool: a pixel with dynamic alpha is near."""
+    """Return (H,W) bool: a pixel with dynamic alpha is near."""
     import cv2
 
     margin = 1 + 2 * max(2, round(MOVING_MARGIN * dynamic.shape[1]))

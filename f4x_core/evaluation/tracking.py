@@ -12,7 +12,7 @@ MIN_ALPHA = 0.05
 
 
 def track_pixels(scene: Scene, frame: int, pixels: np.ndarray, targets: list[int], backend: str = "auto") -> np.ndarray:
-    """Positions (targets, Q, 2) in pixels of the points seen at `pixels` (Q,2) of clip frame `frame`.
+    """Return the positions (targets, Q, 2) in pixels of the points seen at `pixels` (Q,2) of clip frame `frame`.
 
     The world positions that Gaussians have at the target's time are composited from the view of `frame`, read at the
     query, and projected into the target's camera. Moving Gaussians answer where there are any.
@@ -44,7 +44,7 @@ def _composited(here, there, chosen, camera, pixels, backend) -> np.ndarray:
 
 
 def _bilinear(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Values (Q,C) of (H,W,C) maps at pixel positions (Q,2), pixel centres at +0.5."""
+    """Return the values (Q,C) of (H,W,C) maps at pixel positions (Q,2), pixel centres at +0.5."""
     height, width = maps.shape[:2]
     x = np.clip(pixels[:, 0] - 0.5, 0, width - 1.001)
     y = np.clip(pixels[:, 1] - 0.5, 0, height - 1.001)

@@ -69,7 +69,7 @@ class TrueClip:
     used: np.ndarray
     """(F,) supervised frames."""
     similarity: Similarity
-    """From the scene's world to the true one."""
+    """Similarity from the scene's world to the true one."""
     focal_ratio: float
     """Fitted focal length divided by the true one."""
     still: bool
@@ -104,7 +104,7 @@ class TrueClip:
         return cls(folder, path, truth["moving_index"], extras, used, similarity, focal_ratio, still)
 
     def into_scene(self, camera: Camera, scene: Scene) -> Camera:
-        """A camera of the true world as one of the scene's, at the size of the scene's pictures."""
+        """Return a camera of the true world as one of the scene's, at the size of the scene's pictures."""
         return into_scene(camera, self.similarity, self.focal_ratio).resized(scene.cameras.width, scene.cameras.height)
 
 
@@ -130,7 +130,7 @@ def score_against_truth(
         `depth_error_static` and `depth_error_moving`, see `depth_errors` (left out when the fitted camera stands still).
         With extra cameras `unseen_psnr`, `unseen_ssim`, `unseen_psnr_covered` (only pixels whose surface some used frame saw,
         by the truth: DyCheck's co-visible ones), `unseen_covered_fraction` (0..1, how many these are), `..._covered_moving` and
-        `..._covered_static` (those that show what moves, seen at that very frame, and the others) and on request
+        `..._covered_static` (those that show moving objects, seen at that very frame, and the others) and on request
         `unseen_psnr_covered_refined`: means over views, leaving out views that show none of it. The figures in `BY_DEGREES`
         also as `unseen_FIGURE_at_D` over the cameras D degrees off the path. `views`: one row for each view.
         Views are left out when the fitted camera stands still: its unit is then unknown, and so are places in it.
@@ -167,7 +167,7 @@ def score_against_truth(
 
 
 def _means(rows: Sequence[dict[str, Any]], names: Sequence[str], suffix: str) -> dict[str, float]:
-    """`unseen_NAME` + suffix: mean over the rows in which a figure is finite; figures that never are, are left out."""
+    """Return `unseen_NAME` + suffix: mean over the rows in which a figure is finite; figures that never are, are left out."""
     means = {}
     for name in names:
         values = [row[name] for row in rows if np.isfinite(row[name])]
@@ -179,7 +179,7 @@ def _means(rows: Sequence[dict[str, Any]], names: Sequence[str], suffix: str) ->
 def fitted_depth_errors(
     scene: Scene, clip: TrueClip, backend: str = "auto", progress: Progress = silent
 ) -> dict[str, float]:
-    """`depth_errors` of the scene's own rendered depth in the used frames; {} without passes of the clip."""
+    """Return `depth_errors` of the scene's own rendered depth in the used frames; {} without passes of the clip."""
     found, true, moving = [], [], []
     for done, frame in enumerate(clip.used):
         progress("depth", done, len(clip.used))
@@ -197,12 +197,12 @@ def fitted_depth_errors(
 
 
 def depth_errors(found: np.ndarray, true: np.ndarray, moving: np.ndarray) -> dict[str, float]:
-    """Median relative error of depth: `depth_error_static`, `depth_error_moving` (a region without pixels is left out).
+    """Return the median relative error of depth: `depth_error_static`, `depth_error_moving` (a region without pixels is left out).
 
     Args:
         found: (F,H,W) z depth in the true unit (the cameras' alignment gives it); NaN = unknown, does not count.
         true: (F,H,W) z depth, `BACKGROUND_DEPTH` and more = sky, does not count.
-        moving: (F,H,W) bool. No scale of its own is granted to what moves, so a wrong mean distance counts.
+        moving: (F,H,W) bool. No scale of its own is granted to moving objects, so a wrong mean distance counts.
     """
     known = np.isfinite(found) & (true < BACKGROUND_DEPTH)
     errors = np.abs(np.divide(found, true, out=np.ones_like(found), where=known) - 1)
@@ -245,25 +245,25 @@ def align_cameras(estimated: CameraPath, truth: CameraPath) -> Similarity:
 
 
 def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation R (3,3) with the largest trace of R^T matrix."""
+    """Return the rotation R (3,3) with the largest trace of R^T matrix."""
     u, _, vt = np.linalg.svd(matrix)
     return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
 
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Angles (F,) in radians between rotations (F,3,3)."""
+    """Return the angles (F,) in radians between rotations (F,3,3)."""
     # |A - B|_F = sqrt(8) sin(angle/2): exact for small angles too, where the arc cosine of the trace is not.
     return 2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=(1, 2)) / np.sqrt(8), 0, 1))
 
 
 def rotation_error(estimated: CameraPath, truth: CameraPath, similarity: Similarity) -> float:
-    """Root mean square angle in degrees between the orientations of two paths after `similarity`."""
+    """Return the root mean square angle in degrees between the orientations of two paths after `similarity`."""
     turns_there, turns_here = (path.world_to_camera[:, :3, :3].transpose(0, 2, 1) for path in (truth, estimated))
     return float(np.degrees(np.sqrt(np.mean(_angles(turns_there, similarity[1] @ turns_here) ** 2))))
 
 
 def into_scene(camera: Camera, similarity: Similarity, focal_ratio: float = 1.0) -> Camera:
-    """A camera of the true world as a camera of the scene's world: the same image in other units and axes.
+    """Return a camera of the true world as a camera of the scene's world: the same image in other units and axes.
 
     `focal_ratio` is the fitted focal length divided by the true one. The extra cameras have the clip's true focal length, but a
     scene that was fitted with a slightly wrong one reproduces its images only with the same wrong focal length.
@@ -316,16 +316,16 @@ class SeenSurface:
         return cls(np.concatenate(still), moving, far * np.concatenate(sky))
 
     def covers(self, camera: Camera, frame: int) -> np.ndarray:
-        """(H,W) bool: pixels of `camera` onto which a seen point falls; single-pixel gaps between points are closed.
+        """Return (H,W) bool: pixels of `camera` onto which a seen point falls; single-pixel gaps between points are closed.
 
         A seen wall behind an unseen part of the subject counts, so the region is rather too large than too small (by 1 %
         of the picture, 10 degrees off the path). For the same reason no depth is compared: it is asked whether anything
-        lands, not what. What moves is unknown at a held-out `frame`. Sky is left out: it lies behind everything.
+        lands, not what. Moving objects are unknown at a held-out `frame`. Sky is left out: it lies behind everything.
         """
         return _landing(camera, self.still, self.moving.get(frame, np.zeros((0, 3))))
 
     def regions(self, extra: ExtraCamera, index: int, moving_index: Sequence[int]) -> dict[str, np.ndarray]:
-        """`covered` (H,W) bool of one view of an extra camera, and where its passes tell, its parts `moving` and `static`.
+        """Return `covered` (H,W) bool of one view of an extra camera, and where its passes tell, its parts `moving` and `static`.
 
         Sky that the view shows is covered where a used frame looked into the same direction, and belongs to `static`.
         """
@@ -342,7 +342,7 @@ class SeenSurface:
 
 
 def _landing(camera: Camera, *clouds: np.ndarray) -> np.ndarray:
-    """(H,W) bool: pixels onto which some point of `clouds`, each (n,3), falls; single-pixel gaps are closed."""
+    """Return (H,W) bool: pixels onto which some point of `clouds`, each (n,3), falls; single-pixel gaps are closed."""
     mask = np.zeros((camera.height, camera.width), bool)
     for points in clouds:
         pixels, depth = camera.project(points)
@@ -356,7 +356,7 @@ def _landing(camera: Camera, *clouds: np.ndarray) -> np.ndarray:
 def _score_view(
     scene: Scene, view: View, actual: np.ndarray, regions: dict[str, np.ndarray], refine_camera: bool, backend: str
 ) -> dict[str, float]:
-    """PSNR and SSIM of one extra view: `actual` (H,W,3) uint8, `regions` of the same size as `SeenSurface.regions`."""
+    """Return the PSNR and SSIM of one extra view: `actual` (H,W,3) uint8, `regions` of the same size as `SeenSurface.regions`."""
     camera, time = view
     size = camera.width, camera.height
     target = torch.from_numpy(resize_color(actual, *size).astype(np.float32) / 255)

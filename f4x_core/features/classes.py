@@ -18,27 +18,27 @@ class ImageClass(NamedTuple):
     """One class."""
 
     names: str
-    """Its synonyms, with commas between them."""
+    """Synonyms, with commas between them."""
     kind: str
     """The everyday word for what it is; empty where there is none."""
 
 
 @cache
 def image_classes() -> tuple[ImageClass, ...]:
-    """All classes, in the order of the logits."""
+    """Return all classes, in the order of the logits."""
     lines = CLASS_NAMES.read_text(encoding="utf-8").splitlines()
     return tuple(ImageClass(names, kind) for names, _, kind in (line.partition("\t") for line in lines))
 
 
 def kinds_of(name: str) -> frozenset[str]:
-    """Everyday words for what a name may mean: a swan, and a black swan, is a bird; empty where no class says so."""
+    """Return everyday words for what a name may mean: a swan, and a black swan, is a bird; empty where no class says so."""
     words = {*spellings(name)}
     return frozenset(found for word, found in _kinds() if word in words)
 
 
 @cache
 def _kinds() -> frozenset[tuple[str, str]]:
-    """(name or its last word, kind) of all classes."""
+    """Return (name or its last word, kind) of all classes."""
     found = set()
     for names, kind in image_classes():
         for name in names.lower().split(", ") if kind else ():

@@ -1,4 +1,4 @@
-"""How much each Gaussian weighs in each cell of a picture: a sparse matrix per view.
+"""Blend weights of Gaussians in the pixels of a feature map: a sparse matrix per view.
 
 Where geometry and opacity stand still, compositing is linear in the channels. The matrix is measured once per view, and
 every further look at any channels is one sparse product, about thirty times cheaper than drawing the view again.
@@ -51,7 +51,7 @@ def cell_weights(
 
 
 def _nearest(position: np.ndarray, remainder: np.ndarray, count: int) -> np.ndarray:
-    """The index below `count` that leaves `remainder` when divided by `PERIOD` and is next to `position`."""
+    """Return the index below `count` that leaves `remainder` when divided by `PERIOD` and is next to `position`."""
     index = remainder + PERIOD * np.round((np.clip(position, 0, count - 1) - remainder) / PERIOD).astype(int)
     index = np.where(index < 0, index + PERIOD, index)
     return np.where(index >= count, index - PERIOD, index)

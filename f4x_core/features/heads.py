@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 
 def head_widths(latent: int, channels: int) -> list[int]:
-    """Layer widths from the latent to `channels`, doubling between: 32-64-128-256-512-1024-1408."""
+    """Return the layer widths from the latent to `channels`, doubling between: 32-64-128-256-512-1024-1408."""
     widths = [latent]
     while 2 * widths[-1] < channels:
         widths.append(2 * widths[-1])
@@ -33,14 +33,14 @@ class Head(nn.Module):
         return [cast(nn.Linear, layer) for layer in self.chain]
 
     def forward(self, latent: Tensor) -> Tensor:
-        """Features (…,C) of `latent (…,D)`."""
+        """Return the features (…,C) of `latent (…,D)`."""
         *inner, last = self.layers
         for layer in inner:
             latent = torch.relu(layer(latent))
         return last(latent)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """`weight_i` (in,out) and `bias_i` (out,) float32, as the scene file names them."""
+        """Return `weight_i` (in,out) and `bias_i` (out,) float32, as the scene file names them."""
         arrays = {}
         for i, layer in enumerate(self.layers):
             arrays[f"weight_{i}"] = layer.weight.detach().cpu().numpy().T.copy()
@@ -49,7 +49,7 @@ class Head(nn.Module):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Self:
-        """The head that `to_arrays` gave, in float32."""
+        """Return the head that `to_arrays` gave, in float32."""
         weights = [arrays[f"weight_{i}"] for i in range(len(arrays) // 2)]
         head = cls([len(weights[0]), *(weight.shape[1] for weight in weights)])
         with torch.no_grad():

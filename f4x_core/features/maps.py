@@ -36,7 +36,7 @@ from .spec import FeatureSpec
 SPEC, STORED, PLAN = "spec.json", "stored.json", "plan.json"
 HALF = "<f2"
 UNREADABLE = (OSError, *DAMAGE)
-"""What numpy and json raise on damaged files."""
+"""Exceptions of numpy and json on damaged files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,9 @@ class FeatureMaps:
     """The maps of one teacher for all T frames of a clip."""
 
     folder: Path
-    """Where they lie."""
+    """Folder of the files."""
     spec: FeatureSpec
-    """What they mean."""
+    """Width, grid and space of the features."""
     stored: np.ndarray
     """(T,h,w,k) float16, memory-mapped; k = C where nothing is projected."""
     basis: np.ndarray | None = None
@@ -62,7 +62,7 @@ class FeatureMaps:
         return len(self.stored)
 
     def at(self, t: int) -> np.ndarray:
-        """The features (h,w,C) float32 of clip frame `t`."""
+        """Return the features (h,w,C) float32 of clip frame `t`."""
         if not 0 <= t < len(self):
             raise F4xError(f"{self.folder}: there is no frame {t}; the maps cover frames 0 to {len(self) - 1}.")
         return self.expand(self.row(t).astype(np.float32))
@@ -80,67 +80,111 @@ class FeatureMaps:
         return stored if self.basis is None else stored @ self.basis + self.mean
 
 
+@dataclass(frozen=True)
+class MapsPlan:
+    """Contents of a folder of maps, known before the first is made."""
+
+    spec: FeatureSpec
+    count: int
+    """Frames of the clip."""
+    rank: int | None = None
+    """Directions of largest variance, over all pixels of all maps, that are kept; below C the files are smaller. None: all."""
+    settings: dict[str, Any] | None = None
+    """Everything else that decides the values, for `read_stored`."""
+
+    def __post_init__(self) -> None:
+        """Refuse a rank below 1."""
+        if self.rank is not None and self.rank < 1:
+            raise F4xError(f"rank {self.rank}: keep at least one direction of '{self.spec.name}'.")
+
+    @property
+    def projected_to(self) -> int | None:
+        """The rank, where it is below C."""
+        return None if self.rank is None or self.rank >= self.spec.dim else self.rank
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the plan as plain values."""
+        spec = self.spec.to_json()
+        return {"spec": spec, "count": self.count, "rank": self.projected_to, "settings": self.settings}
+
+
 def write_maps(
     folder: Path | str,
-    spec: FeatureSpec,
+    plan: MapsPlan,
     frames: Iterable[np.ndarray] | Callable[[int], Iterable[np.ndarray]],
-    count: int,
-    rank: int | None = None,
     glob: np.ndarray | Callable[[], np.ndarray] | None = None,
     progress: Progress = silent,
-    settings: dict[str, Any] | None = None,
 ) -> FeatureMaps:
-    """Write `count` maps (h,w,C), taken from `frames` one by one, as the folder of one teacher.
+    """Write maps (h,w,C), taken from `frames` one by one, as the folder of one teacher.
 
-    `rank` keeps the k directions of largest variance over all cells and frames; below C it makes the files smaller.
     `glob` may be a function, called after the last frame. The folder takes its name when everything is written; an error
     or a cancelled `progress` leaves whatever was there before. Where `frames` is a function of the first frame wanted, what
-    was written stays beside it, and the next call with the same spec, count, rank and `settings` goes on from there. F4xError:
-    wrong shapes or counts, values that are not finite in float16, a full disk, a folder that holds something else or that another
-    call is writing.
+    was written stays beside it, and the next call with the same plan goes on from there. F4xError: wrong shapes or counts,
+    values that are not finite in float16, a full disk, a folder that holds something else or that another call is writing.
     """
-    rank = None if rank is None or rank >= spec.dim else rank
-    if rank is not None and rank < 1:
-        raise F4xError(f"rank {rank}: keep at least one direction of '{spec.name}'.")
-    folder, stage = link_target(folder), f"features {spec.name}"
+    spec, rank = plan.spec, plan.projected_to
+    folder = link_target(folder)
     unfinished = neighbour(folder, "unfinished") if callable(frames) else None
     with _sole_writer(folder), replace_folder(folder, SPEC, unfinished) as part:
-        _follow(part, {"spec": spec.to_json(), "count": count, "rank": rank, "settings": settings})
-        written, shape = part / ("full.npy" if rank else "maps.npy"), (count, *spec.grid, spec.dim)
-        done = _rows_in(written, shape)
-        progress(stage, done, count)
-        with _array_file(written, shape, done) as file:
-            for frame in frames(done) if callable(frames) else frames:
-                if done == count:
-                    raise F4xError(f"{folder}: more than the {count} maps that the clip has frames.")
-                file.write(_checked(frame, spec, done).tobytes())
-                done += 1
-                progress(stage, done, count)
-        if done != count:
-            raise F4xError(f"{folder}: {done} maps for {count} frames; give one per frame of the clip.")
-        lost = 0.0
-        if rank is not None:
-            full, moments = _load(written, mapped=True), _Moments(spec.dim)
-            for frame in full:
-                moments.add(frame)
-            basis, mean, lost = moments.project(rank)
-            with _array_file(part / "maps.npy", (count, *spec.grid, rank)) as file:
-                for t in range(count):
-                    file.write(((full[t].astype(np.float32) - mean) @ basis.T).astype(HALF).tobytes())
-                    progress(f"{stage}, rank {rank}", t + 1, count)
-            np.save(part / "basis.npy", basis, allow_pickle=False)
-            np.save(part / "mean.npy", mean, allow_pickle=False)
-            del full  # Windows keeps mapped files from being removed
-            written.unlink()
+        _follow(part, plan.to_json())
+        written = part / ("full.npy" if rank else "maps.npy")
+        _write_frames(folder, written, plan, frames, progress)
+        lost = 0.0 if rank is None else _project(written, rank, plan, progress)
         if spec.has_global:
             vector = np.asarray(glob() if callable(glob) else glob, np.float32)
             if vector.shape != (spec.dim,) or not np.isfinite(vector).all():
                 raise F4xError(f"{folder}: the global vector of '{spec.name}' must be {spec.dim} finite numbers.")
             np.save(part / "global.npy", vector, allow_pickle=False)
         _write_json(part / SPEC, spec.to_json())
-        _write_json(part / STORED, {"lost": lost, "settings": settings or {}})
+        _write_json(part / STORED, {"lost": lost, "settings": plan.settings or {}})
         (part / PLAN).unlink()
     return read_maps(folder)
+
+
+def _write_frames(
+    folder: Path,
+    written: Path,
+    plan: MapsPlan,
+    frames: Iterable[np.ndarray] | Callable[[int], Iterable[np.ndarray]],
+    progress: Progress,
+) -> None:
+    """Write the maps (h,w,C) of `frames` into the array file `written`, behind those that it has already.
+
+    `folder` is what the maps become part of, for errors.
+    """
+    spec, count = plan.spec, plan.count
+    stage, shape = f"features {spec.name}", (count, *spec.grid, spec.dim)
+    done = _rows_in(written, shape)
+    progress(stage, done, count)
+    with _array_file(written, shape, done) as file:
+        for frame in frames(done) if callable(frames) else frames:
+            if done == count:
+                raise F4xError(f"{folder}: more than the {count} maps that the clip has frames.")
+            file.write(_checked(frame, spec, done).tobytes())
+            done += 1
+            progress(stage, done, count)
+    if done != count:
+        raise F4xError(f"{folder}: {done} maps for {count} frames; give one per frame of the clip.")
+
+
+def _project(written: Path, rank: int, plan: MapsPlan, progress: Progress) -> float:
+    """Replace the maps in the file `written` by their coordinates along the first `rank` principal directions.
+
+    Writes maps, basis and mean beside it; returns the fraction of the variance that is lost.
+    """
+    full, moments, count, part = _load(written, mapped=True), _Moments(plan.spec.dim), plan.count, written.parent
+    for frame in full:
+        moments.add(frame)
+    basis, mean, lost = moments.project(rank)
+    with _array_file(part / "maps.npy", (count, *plan.spec.grid, rank)) as file:
+        for t in range(count):
+            file.write(((full[t].astype(np.float32) - mean) @ basis.T).astype(HALF).tobytes())
+            progress(f"features {plan.spec.name}, rank {rank}", t + 1, count)
+    np.save(part / "basis.npy", basis, allow_pickle=False)
+    np.save(part / "mean.npy", mean, allow_pickle=False)
+    del full  # Windows keeps mapped files from being removed
+    written.unlink()
+    return lost
 
 
 def read_maps(folder: Path | str) -> FeatureMaps:
@@ -170,7 +214,7 @@ def read_maps(folder: Path | str) -> FeatureMaps:
 
 
 def read_stored(folder: Path) -> dict[str, Any]:
-    """`stored.json` of a folder, empty where a foreign tool wrote none."""
+    """Return `stored.json` of a folder, empty where a foreign tool wrote none."""
     path = folder / STORED
     return _read_json(path) if path.is_file() else {}
 
@@ -244,7 +288,7 @@ class _Moments:
         self.square += cells.T @ cells
 
     def project(self, rank: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """(basis (k,C), mean (C,), fraction of the variance that is lost)."""
+        """Return (basis (k,C), mean (C,), fraction of the variance that is lost)."""
         mean = self.sum / self.count
         values, vectors = np.linalg.eigh(self.square / self.count - np.outer(mean, mean))  # ascending
         values = np.maximum(values, 0)

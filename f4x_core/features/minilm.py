@@ -22,7 +22,7 @@ DTYPES = {"F32": "<f4", "F16": "<f2", "I64": "<i8"}
 WIDTH = 384
 """Length of the vectors."""
 CONFIG = {"model_type": "bert", "hidden_act": "gelu", "hidden_size": WIDTH}
-"""What `config.json` has to say."""
+"""Entries that `config.json` must have."""
 MAX_TOKENS, MAX_LETTERS = 128, 100
 """Longer labels are cut; longer words are unknown."""
 
@@ -52,11 +52,11 @@ class MiniLm:
             raise F4xError(f"{folder} is not a readable text encoder ({reason(error)}).") from error
 
     def encode(self, labels: list[str]) -> np.ndarray:
-        """(L, 384) float32 unit vectors."""
+        """Return (L, 384) float32 unit vectors."""
         return average_templates(labels, ("{}",), self.embed)
 
     def embed(self, sentences: list[str]) -> np.ndarray:
-        """(n, 384) float32: the mean over the tokens of each sentence."""
+        """Return (n, 384) float32: the mean over the tokens of each sentence."""
         rows = np.empty((len(sentences), self.dim), np.float32)
         tokens = [self.tokens(sentence) for sentence in sentences]
         for length in sorted({len(row) for row in tokens}):  # equal lengths need no padding
@@ -67,12 +67,12 @@ class MiniLm:
         return rows
 
     def tokens(self, sentence: str) -> list[int]:
-        """Rows of the vocabulary: the sentence's pieces between [CLS] and [SEP]."""
+        """Return the rows of the vocabulary: the sentence's pieces between [CLS] and [SEP]."""
         pieces = [row for word in words(sentence) for row in self._pieces(word)]
         return [self.vocabulary["[CLS]"], *pieces[: MAX_TOKENS - 2], self.vocabulary["[SEP]"]]
 
     def _pieces(self, word: str) -> list[int]:
-        """The longest pieces that a word begins with, one after the other; unknown where it is none of them."""
+        """Return the longest pieces that a word begins with, one after the other; unknown where it is none of them."""
         unknown = [self.vocabulary["[UNK]"]]
         if len(word) > MAX_LETTERS:
             return unknown
@@ -91,7 +91,7 @@ class MiniLm:
         return rows
 
     def _hidden(self, tokens: np.ndarray) -> np.ndarray:
-        """(n,t,384) of `tokens (n,t)`: what the last layer says of each."""
+        """Return (n,t,384) of `tokens (n,t)`: what the last layer says of each."""
         x = self.tensors["embeddings.word_embeddings.weight"][tokens]
         x = x + self.tensors["embeddings.position_embeddings.weight"][: tokens.shape[1]]
         x = self._normalised(x + self.tensors["embeddings.token_type_embeddings.weight"][0], "embeddings")
@@ -104,7 +104,7 @@ class MiniLm:
         return x
 
     def _attention(self, x: np.ndarray, at: str) -> np.ndarray:
-        """(n,t,384) of `x (n,t,384)`: every head's values, weighed by softmax(query . key / sqrt(width of a head))."""
+        """Return (n,t,384) of `x (n,t,384)`: every head's values, weighed by softmax(query . key / sqrt(width of a head))."""
         query, key, value = (
             self._linear(x, f"{at}.{part}").reshape(*x.shape[:2], self.heads, -1).transpose(0, 2, 1, 3)
             for part in ("query", "key", "value")
@@ -125,7 +125,7 @@ class MiniLm:
 
 
 def read_tensors(file: Path) -> dict[str, np.ndarray]:
-    """Name -> tensor of a safetensors file, mapped into memory and read where it is used; OSError, ValueError for another file."""
+    """Return name -> tensor of a safetensors file, mapped into memory and read when used; OSError, ValueError for other files."""
     data = np.memmap(file, np.uint8, "r")
     start = 8 + int.from_bytes(data[:8].tobytes(), "little")
     if start > len(data):

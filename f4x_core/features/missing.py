@@ -1,4 +1,4 @@
-"""What a scene has not learnt from a teacher; the error's family is F4X-FEATURES, whoever asked."""
+"""Raises the error about features that a scene has not learnt; its family is F4X-FEATURES, whatever module asked."""
 
 from typing import NoReturn
 

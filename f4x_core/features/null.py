@@ -17,7 +17,7 @@ FILES = {"minilm": Path(__file__).with_name("null_minilm.txt")}
 
 @lru_cache
 def null_vector(encoder: str) -> np.ndarray | None:
-    """(C,) float32 of unit length for a text encoder; None where none was measured."""
+    """Return (C,) float32 of unit length for a text encoder; None where none was measured."""
     if encoder not in FILES:
         return None
     return np.array(FILES[encoder].read_text(encoding="ascii").split(), np.float32)

@@ -26,7 +26,7 @@ from .weights import PACKAGED
 AREA = 1024 * 576
 """Pixels of the picture that both networks see: twice the usual clip's, so that a cell is about 7 or 15 clip pixels."""
 KIND_WEIGHT = 2.0
-"""How much the kind counts beside the name; mean AP of four clips: 0.63 at 0, 0.68 at 1, 0.69 at 2."""
+"""Weight of the kind beside the name; mean AP of four clips: 0.63 at 0, 0.68 at 1, 0.69 at 2."""
 
 
 class Visual:
@@ -54,7 +54,7 @@ class Visual:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """(h,w,96) float32 of a picture (H,W,3) uint8."""
+        """Return (h,w,96) float32 of a picture (H,W,3) uint8."""
         size = input_size(rgb.shape[1], rgb.shape[0], AREA, self.MULTIPLE)
         with torch.inference_mode():
             features = self.layers(image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD))
@@ -95,7 +95,7 @@ class Conse:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """(h,w,384) float32 of a picture (H,W,3) uint8."""
+        """Return (h,w,384) float32 of a picture (H,W,3) uint8."""
         height, width = rgb.shape[:2]
         grid = self.spec_for(width, height).grid
         with torch.inference_mode():
@@ -107,7 +107,7 @@ class Conse:
             return functional.normalize(words, dim=-1).numpy()
 
     def _probability(self, rgb: np.ndarray, size: tuple[int, int]) -> torch.Tensor:
-        """(1,1000,h,w) of the picture stretched to `size`: the classifier at every cell, no pooling."""
+        """Return (1,1000,h,w) of the picture stretched to `size`: the classifier at every cell, no pooling."""
         features = self.network.extract_features(image_tensor(rgb, size, (0.5,) * 3, (0.5,) * 3))
         return self.network._fc(features.permute(0, 2, 3, 1)).softmax(-1).permute(0, 3, 1, 2)
 
@@ -122,7 +122,7 @@ def load_classifier(model: Path | str | None = None) -> Any:
 
 
 def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:
-    """(1000, C) float32 unit vectors of ImageNet's classes, drawn towards what people call them.
+    """Return (1000, C) float32 unit vectors of ImageNet's classes, drawn towards what people call them.
 
     A breed of dogs is far from "dog" in a space of words, so that the kind, where the list says one, counts KIND_WEIGHT times.
     """
@@ -136,7 +136,7 @@ def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:
 
 
 def _module(name: str, package: str) -> Any:
-    """A module of an installed package; F4xError says how to install it."""
+    """Return a module of an installed package; F4xError says how to install it."""
     try:
         return import_module(name)
     except ImportError as error:

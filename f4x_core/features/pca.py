@@ -27,19 +27,19 @@ class Pca:
     """(3,) coordinate that is shown as 255."""
 
     def coordinates(self, features: np.ndarray) -> np.ndarray:
-        """(…,3) of features (…,C)."""
+        """Return (…,3) of features (…,C)."""
         return (features - self.mean) @ self.basis.T
 
     def to_unit_range(self, features: np.ndarray) -> np.ndarray:
-        """(…,3) of features (…,C): linear, 0 where `colours` gives 0 and 1 where it gives 255; not clipped."""
+        """Return (…,3) of features (…,C): linear, 0 where `colours` gives 0 and 1 where it gives 255; not clipped."""
         return self._between(self.coordinates(features))
 
     def colours(self, coordinates: np.ndarray) -> np.ndarray:
-        """(…,3) uint8 of `coordinates (…,3)`."""
+        """Return (…,3) uint8 of `coordinates (…,3)`."""
         return np.round(np.clip(self._between(coordinates), 0, 1) * 255).astype(np.uint8)
 
     def to_rgb(self, features: np.ndarray) -> np.ndarray:
-        """(H,W,3) uint8 of features (H,W,C)."""
+        """Return (H,W,3) uint8 of features (H,W,C)."""
         return self.colours(self.coordinates(features))
 
     def _between(self, coordinates: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ class Pca:
 
 
 def fit_pca(samples: np.ndarray) -> Pca:
-    """The three directions of largest variance of `samples (n,C)` and their 1 % and 99 % quantiles.
+    """Return the three directions of largest variance of `samples (n,C)` and their 1 % and 99 % quantiles.
 
     Features of length 1 keep it: nothing is scaled. Without samples everything is 0.
     """

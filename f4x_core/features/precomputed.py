@@ -120,7 +120,7 @@ class Precomputed:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """Not possible: there is no model here, only its results."""
+        """Raise F4xError: there is no model here, only its results."""
         raise F4xError(f"{self.source} holds maps of one clip and cannot encode other pictures.")
 
     def encode_clip(self, frames: Sized) -> Iterator[np.ndarray]:
@@ -139,7 +139,7 @@ class Precomputed:
             yield x[0].permute(1, 2, 0).numpy()
 
     def _open(self) -> tuple[int, Callable[[int], np.ndarray]]:
-        """(number of frames, function that reads the map (h,w,C) of one)."""
+        """Return (number of frames, function that reads the map (h,w,C) of one)."""
         if self.source.is_dir():
             files = [
                 f for f in self.source.iterdir() if f.suffix in ENDINGS and f.stem not in ("global", "basis", "mean")
@@ -155,7 +155,7 @@ class Precomputed:
         return self._stack(self.source)
 
     def _stack(self, file: Path) -> tuple[int, Callable[[int], np.ndarray]]:
-        """All frames in one array."""
+        """Return all frames in one array."""
         if file.suffix == ".npz" and (vector := _member(file, "global")) is not None:
             self.glob = vector.astype(np.float32)
         stack = _array(file)
@@ -177,13 +177,13 @@ class Precomputed:
 
 
 def _limited(rows: int, columns: int) -> tuple[int, int]:
-    """The grid, smaller where it exceeds LIMIT."""
+    """Return the grid, smaller where it exceeds LIMIT."""
     scale = min(1.0, LIMIT / max(rows, columns))
     return max(1, round(rows * scale)), max(1, round(columns * scale))
 
 
 def _array(file: Path) -> np.ndarray:
-    """The array of a file: mapped from `.npy`, `map` or the only one of `.npz`, the tensor of `.pt`."""
+    """Return the array of a file: mapped from `.npy`, `map` or the only one of `.npz`, the tensor of `.pt`."""
     try:
         if file.suffix in (".pt", ".pth"):
             tensor = torch.load(file, map_location="cpu", weights_only=True)
@@ -203,7 +203,7 @@ def _array(file: Path) -> np.ndarray:
 
 
 def _member(file: Path, name: str) -> np.ndarray | None:
-    """Array `name` of an `.npz`; for `map` also the only one there is."""
+    """Return the array `name` of an `.npz`; for `map` also the only one there is."""
     try:
         with open_npz(file) as arrays:
             if name not in arrays and (name != "map" or len(arrays) != 1):

@@ -1,4 +1,4 @@
-"""From pictures to the tensors that models take, and from one grid to another. Needs torch alone, no torchvision."""
+"""Turns pictures into the tensors that models take, and maps from one grid to another. Needs torch alone, no torchvision."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 def input_size(width: int, height: int, area: int, multiple: int) -> tuple[int, int]:
-    """(h, w) of about `area` pixels, in multiples of the model's stride, nearest to the picture's aspect ratio."""
+    """Return (h, w) of about `area` pixels, in multiples of the model's stride, nearest to the picture's aspect ratio."""
     scale = sqrt(area / (width * height))
     h, w = (max(1, round(side * scale / multiple)) * multiple for side in (height, width))
     return h, w
@@ -25,7 +25,7 @@ def image_tensor(
     std: tuple[float, float, float] = (1.0, 1.0, 1.0),
     mode: str = "bilinear",
 ) -> torch.Tensor:
-    """A picture (H,W,3) uint8 as (1,3,h,w) float32, `(rgb / 255 - mean) / std`, stretched to `size` (h, w).
+    """Return a picture (H,W,3) uint8 as (1,3,h,w) float32, `(rgb / 255 - mean) / std`, stretched to `size` (h, w).
 
     Resized as the models were trained: anti-aliased when shrinking, rounded to whole levels (processors resize uint8).
     """
@@ -37,7 +37,7 @@ def image_tensor(
 
 
 def resize_map(features: torch.Tensor, size: tuple[int, int], resize: str = "bilinear") -> torch.Tensor:
-    """Features (B,C,H,W) at another grid (h, w) by the rule of a `FeatureSpec`; differentiable."""
+    """Return the features (B,C,H,W) at another grid (h, w) by the rule of a `FeatureSpec`; differentiable."""
     if features.shape[-2:] == torch.Size(size):
         return features
     if resize == "area":

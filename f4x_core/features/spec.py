@@ -1,4 +1,4 @@
-"""What a feature map means: its width, grid and the space it lives in. Plain data, JSON both ways, no torch."""
+"""Specification of a feature map: its width, grid and space. Plain data, JSON both ways, no torch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class FeatureSpec:
     grid: tuple[int, int]
     """(h, w), the number of cells; together they cover the whole picture, whatever its aspect ratio."""
     resize: str = "bilinear"
-    """How a picture or a latent gets to the grid: `bilinear` (anti-aliased when shrinking) or `area`."""
+    """Filter that resizes a picture or a latent to the grid: `bilinear` (anti-aliased when shrinking) or `area`."""
     normalised: bool = False
     """Every cell has unit length."""
     text_encoder: str | None = None
@@ -47,12 +47,12 @@ class FeatureSpec:
             raise F4xError(f"feature spec '{self.name}': temperature {self.temperature} is not above 0.")
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for `json.dumps`."""
+        """Return plain values for `json.dumps`."""
         return {**dataclasses.asdict(self), "grid": list(self.grid)}
 
     @classmethod
     def from_json(cls, data: Any) -> FeatureSpec:
-        """The spec that `to_json` wrote; F4xError names what is unknown, missing or of the wrong kind."""
+        """Return the spec that `to_json` wrote; F4xError names what is unknown, missing or of the wrong kind."""
         known = {entry.name: entry for entry in dataclasses.fields(cls)}
         if not isinstance(data, dict):
             raise F4xError("feature spec: not a JSON object; write it again.")

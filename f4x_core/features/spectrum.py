@@ -1,4 +1,4 @@
-"""How wide the latent must be: principal components of all teachers' features together. numpy alone."""
+"""Chooses the width of the latent, by principal components of all teachers' features together. numpy alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from .maps import FeatureMaps
 
 WIDTHS = (8, 16, 32, 64)
-"""What the raster and the scene file are made for."""
+"""Widths that the raster and the scene file support."""
 KEPT = 0.6
 """Fraction of the variance of the stacked features that so many components must hold. Not more: the same surface has a cosine
 of about 0.7 with itself from frame to frame (MobileNetV2, blackswan), so half of the variance is in no scene at all. A toy
@@ -28,7 +28,7 @@ class Spectrum:
     means: tuple[np.ndarray, ...]
     """(C,) of each teacher."""
     scales: tuple[float, ...]
-    """What each teacher's centred features are divided by: the root of their total variance."""
+    """Divisor of each teacher's centred features: the root of their total variance."""
     values: np.ndarray
     """(S,) variances along the components, descending; S is the sum of all C."""
     vectors: np.ndarray
@@ -41,7 +41,7 @@ class Spectrum:
         return np.cumsum(self.values) / total if total > 0 else np.ones(len(self.values))
 
     def coordinates(self, features: Sequence[np.ndarray], width: int) -> np.ndarray:
-        """(…,width) of one map (…,C) per teacher, all on the same grid; 0 beyond the last component."""
+        """Return (…,width) of one map (…,C) per teacher, all on the same grid; 0 beyond the last component."""
         stacked = np.concatenate(
             [(map_ - mean) / scale for map_, mean, scale in zip(features, self.means, self.scales, strict=True)], -1
         )
@@ -49,7 +49,7 @@ class Spectrum:
         return np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, width - found.shape[-1])])
 
     def width(self, min_kept: float = KEPT) -> int:
-        """The smallest width that keeps at least `min_kept` of the variance; the largest there is where none does."""
+        """Return the smallest width that keeps at least `min_kept` of the variance; the largest there is where none does."""
         enough = [width for width in WIDTHS if self.kept[min(width, len(self.kept)) - 1] >= min_kept]
         return enough[0] if enough else WIDTHS[-1]
 
@@ -60,7 +60,7 @@ class Spectrum:
 
 
 def measure_spectrum(maps: Sequence[FeatureMaps], frames: Sequence[int], seed: int = 0) -> Spectrum:
-    """The spectrum of `maps` over clip frames `frames`.
+    """Return the spectrum of `maps` over clip frames `frames`.
 
     Teachers have different grids: a place is drawn in the picture, and each gives the cell that the place falls into.
     """

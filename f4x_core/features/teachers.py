@@ -17,7 +17,7 @@ from ..errors import F4xError
 from ..native.kernels import torch_threads
 from ..parallel import in_threads, side_by_side, thread_count
 from ..progress import Progress, silent
-from .maps import FeatureMaps, read_maps, read_stored, write_maps
+from .maps import FeatureMaps, MapsPlan, read_maps, read_stored, write_maps
 from .spec import FeatureSpec
 from .text import factory_of
 from .weights import describe, require_path
@@ -37,7 +37,7 @@ class Teacher(Protocol):
         ...
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """The map (h,w,C) float32 of a picture (H,W,3) uint8."""
+        """Return the map (h,w,C) float32 of a picture (H,W,3) uint8."""
         ...
 
 
@@ -46,9 +46,9 @@ class TeacherEntry:
     """Registry entry of a teacher: its purpose, its weights and how to load it."""
 
     name: str
-    """What --teacher takes, and the name of its head."""
+    """Name for --teacher, and of its head."""
     purpose: str
-    """What it is for, in a few words."""
+    """Purpose, in a few words."""
     weights: tuple[str, ...]
     """Names in `weights.WEIGHTS`; empty where the maps come from elsewhere."""
     factory: str
@@ -74,7 +74,7 @@ class TeacherEntry:
         return ", ".join(describe(name)["source"] for name in self.weights) or "files made by another program"
 
     def load(self, path: Path | str | None = None) -> Teacher:
-        """The teacher, its packages imported now; F4xError when they or the weights are absent."""
+        """Return the teacher, its packages imported now; F4xError when they or the weights are absent."""
         return cast(Teacher, factory_of(self.factory)(model=path, **self.options))
 
 
@@ -117,7 +117,7 @@ TEACHERS = {
 
 
 def find_teacher(name: str) -> TeacherEntry:
-    """The entry called `name`; F4xError lists the known ones."""
+    """Return the entry called `name`; F4xError lists the known ones."""
     if name not in TEACHERS:
         raise F4xError(f"There is no teacher '{name}'; known: {', '.join(TEACHERS)}.")
     return TEACHERS[name]
@@ -143,7 +143,7 @@ def extract(
     rank: int | None = None,
     progress: Progress = silent,
 ) -> FeatureMaps:
-    """The maps of teacher `name` for every frame of `clip`, in `folder` (which gets `spec.json`, `maps.npy`, …).
+    """Return the maps of teacher `name` for every frame of `clip`, in `folder` (which gets `spec.json`, `maps.npy`, …).
 
     Does nothing when `folder` holds maps of the same teacher, weights, frames and rank. `model` is a folder with the
     weights (or with the maps, of teachers that read files), a hub id, or the name of another checkpoint; `rank` as in
@@ -174,9 +174,8 @@ def extract(
         spec = teacher.spec_for(clip.width, clip.height)
         whole = getattr(teacher, "encode_clip", None)
         frames = whole(clip.frames) if whole else lambda first: _encoded(teacher, islice(clip.frames, first, None))
-        return write_maps(
-            folder, spec, frames, len(clip), rank, lambda: cast(Any, teacher).glob, progress, settings=settings
-        )
+        plan = MapsPlan(spec, len(clip), rank, settings)
+        return write_maps(folder, plan, frames, lambda: cast(Any, teacher).glob, progress)
 
 
 def _encoded(teacher: Teacher, images: Iterable[np.ndarray]) -> Iterator[np.ndarray]:

@@ -23,7 +23,7 @@ class TextEncoder(Protocol):
     """Label probabilities are softmax(cosine / temperature)."""
 
     def encode(self, labels: list[str]) -> np.ndarray:
-        """(L, dim) float32 unit vectors of `labels`."""
+        """Return (L, dim) float32 unit vectors of `labels`."""
         ...
 
 
@@ -32,7 +32,7 @@ class TextEncoderEntry:
     """Name, weights and loader of one text encoder."""
 
     name: str
-    """What `FeatureSpec.text_encoder` says."""
+    """Name in `FeatureSpec.text_encoder`."""
     weights: str
     """Their name in `weights.WEIGHTS`."""
     factory: str
@@ -46,7 +46,7 @@ class TextEncoderEntry:
         return local_path(self.weights) is not None
 
     def load(self, path: Path | str | None = None) -> TextEncoder:
-        """The encoder, its packages imported now; F4xError when they or the weights are absent."""
+        """Return the encoder, its packages imported now; F4xError when they or the weights are absent."""
         return cast(TextEncoder, factory_of(self.factory)(model=path, **self.options))
 
 
@@ -66,19 +66,19 @@ TEXT_ENCODERS = {
 
 
 def find_text_encoder(name: str | None) -> TextEncoderEntry:
-    """The entry called `name`; F4xError lists the known ones."""
+    """Return the entry called `name`; F4xError lists the known ones."""
     if name not in TEXT_ENCODERS:
         raise F4xError(f"There is no text encoder '{name}' here; known: {', '.join(TEXT_ENCODERS)}.")
     return TEXT_ENCODERS[name]
 
 
 def load_text_encoder(name: str | None, path: Path | str | None = None) -> TextEncoder:
-    """The text encoder called `name`; F4xError when there is none or it is not installed."""
+    """Return the text encoder called `name`; F4xError when there is none or it is not installed."""
     return find_text_encoder(name).load(path)
 
 
 def factory_of(reference: str) -> Callable[..., object]:
-    """The class that a registry names as `.module:class`, its module imported now."""
+    """Return the class that a registry names as `.module:class`, its module imported now."""
     module, _, name = reference.partition(":")
     return getattr(import_module(module, __package__), name)
 
@@ -86,7 +86,7 @@ def factory_of(reference: str) -> Callable[..., object]:
 def average_templates(
     labels: list[str], templates: Sequence[str], embed: Callable[[list[str]], np.ndarray]
 ) -> np.ndarray:
-    """(L, dim) float32 unit vectors: each label in every template ("a photo of a {}."), embedded, mean of unit vectors.
+    """Return (L, dim) float32 unit vectors: each label in every template ("a photo of a {}."), embedded, mean of unit vectors.
 
     F4xError for an empty list or an empty label.
     """
@@ -98,5 +98,5 @@ def average_templates(
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., C) scaled to length 1; zero stays zero."""
+    """Return the vectors (..., C) scaled to length 1; zero stays zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

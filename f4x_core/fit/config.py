@@ -60,11 +60,11 @@ class ScaffoldConfig:
         return GraphConfig(neighbours=self.neighbours, kth=self.distance_rank)
 
     def tolerance_at(self, width: int) -> float:
-        """Pixels within which nodes must carry tracks in a picture `width` pixels wide."""
+        """Return the pixels within which nodes must carry tracks in a picture `width` pixels wide."""
         return min(self.tolerance, self.tolerance_fraction * width)
 
     def selection(self, seed: int) -> SelectionConfig:
-        """Selection of nodes from tracks."""
+        """Return the selection of nodes from tracks."""
         between = tuple(count for count in NODE_COUNTS if self.min_nodes <= count <= self.max_nodes)
         return SelectionConfig(
             counts=between or (self.max_nodes,),
@@ -75,7 +75,7 @@ class ScaffoldConfig:
         )
 
     def geometry(self, seed: int) -> GeometryConfig:
-        """The geometric optimisation."""
+        """Return the geometric optimisation."""
         weight = self.geometry_arap
         return GeometryConfig(steps=self.geometry_steps, coordinate=weight, length=weight, seed=seed, graph=self.graph)
 
@@ -164,7 +164,7 @@ class RateConfig:
     """Camera position."""
 
     def of(self, kind: str, tensor: str) -> Rate | float:
-        """The rate of a parameter `tensor` of the Gaussians that are `kind`, `static` or `dynamic`."""
+        """Return the rate of a parameter `tensor` of the Gaussians that are `kind`, `static` or `dynamic`."""
         own: GaussianRates = getattr(self, kind)
         if tensor == "dw":
             return self.dw
@@ -180,7 +180,7 @@ class LossConfig:
     ssim: float = 0.3
     """1 - SSIM beside the L1 of the picture, which is summed over channels."""
     moving: float = 3.0
-    """Weight of a moving pixel in the picture losses; a static one has 1. What moves is small but looked at."""
+    """Weight of a moving pixel in the picture losses; a static one has 1. Moving objects are small but looked at."""
     depth: float = 0.3
     """Confidence-weighted inverse depth. A sixth of this gives no better pictures of camel, whose world is almost flat, but two of
     six pairs of its pixels in the wrong order."""
@@ -212,8 +212,8 @@ class LossConfig:
 SETTINGS = "settings"
 """`FitConfig.counts_from` where nobody granted memory or minutes."""
 LARGE_MOTION, MAX_MOVING = 0.25, 0.5
-"""Fraction of the pictures from which what moves is large, as a thing that somebody holds before the camera, and the most that the
-moving Gaussians get of the room for all. Of the twelve real clips the masks cover at most .2, the moving part of the room."""
+"""Fraction of the pictures from which moving objects are large, as a thing held before the camera, and the largest fraction of all
+Gaussians that dynamic ones get then. Of the twelve real clips the masks cover at most .2."""
 FIRST_FRACTION = 0.8
 """Fraction of a set's largest number of Gaussians that it may begin with: the rest is for what turns out to be wrong."""
 
@@ -225,7 +225,7 @@ class FitConfig:
     name: str = "wild"
     """Name of the profile."""
     counts_from: str = SETTINGS
-    """What the largest numbers of Gaussians come from: the settings, or what they were scaled to, for example --memory 2."""
+    """Source of the largest numbers of Gaussians: the settings, or the grant that they were scaled to, for example --memory 2."""
     own_counts: tuple[str, ...] = ()
     """The largest numbers that were set by hand and that `counts_from` left as they were."""
     steps: int = 3600
@@ -267,7 +267,7 @@ class FitConfig:
     dw_from: float = 0.5
     """Fraction of the steps after which the graph is frozen and skinning offsets are learnt."""
     average_from: float = 0.85
-    """Fraction of the steps from which on the Gaussians and nodes of what moves are averaged: their rates do not fall."""
+    """Fraction of the steps from which on the Gaussians and nodes of moving objects are averaged: their rates do not fall."""
     graph_every: int = 100
     """Steps between two rebuilds of the node graph before it is frozen."""
     track_every: int = 4
@@ -307,12 +307,12 @@ class FitConfig:
         return replace(own, max_count=max(1, min(own.max_count, self._first_of_growth(kind))))
 
     def first_limit_of(self, kind: str) -> str:
-        """Name of the setting that the number of `start_of` comes from."""
+        """Return the name of the setting that the number of `start_of` comes from."""
         own = getattr(self, f"spawn_{kind}").max_count
         return f"{'spawn' if own <= self._first_of_growth(kind) else 'density'}_{kind}.max_count"
 
     def _first_of_growth(self, kind: str) -> int:
-        """Gaussians that a set may begin with by what it may grow to."""
+        """Return the Gaussians that a set may begin with by what it may grow to."""
         return int(FIRST_FRACTION * getattr(self, f"density_{kind}").max_count)
 
     @property
@@ -409,7 +409,7 @@ def for_frames(config: FitConfig, frames: int) -> FitConfig:
 
 
 def for_motion(config: FitConfig, fraction: float, frames: int) -> FitConfig:
-    """The configuration for so many used `frames` of which what moves covers the `fraction`: where it is large, room for static
+    """The configuration for so many used `frames` of which moving objects cover the `fraction`: where it is large, room for static
     Gaussians becomes room for moving ones, as many together as before.
 
     Numbers that were set by hand stay.
@@ -435,7 +435,7 @@ def for_motion(config: FitConfig, fraction: float, frames: int) -> FitConfig:
 
 
 def profile(name: str) -> FitConfig:
-    """The profile called `name`; raises F4xError for an unknown one."""
+    """Return the profile called `name`; raises F4xError for an unknown one."""
     if name not in PROFILES:
         raise F4xError(f"There is no profile '{name}'; the profiles are {', '.join(PROFILES)}.")
     return PROFILES[name]()
@@ -446,7 +446,7 @@ THREADS = "threads"
 
 
 def resolved(config: FitConfig) -> dict:
-    """The settings that a result can depend on, as plain JSON values, every default written out; without `THREADS`."""
+    """Return the settings that a result can depend on, as plain JSON values, every default written out; without `THREADS`."""
 
     def plain(value: object) -> Any:
         if dataclasses.is_dataclass(value):

@@ -1,4 +1,4 @@
-"""What always stands behind something that moves is made up from what is seen around it.
+"""Makes up the background that moving objects hide in all frames, from what is seen around it.
 
 No frame shows it. The static Gaussians there get only what shines through the edges of the thing before them, and a fit paints them
 with its colours; where there are none at all the scene has a hole. Seen from the side, or without the thing, both are its ghost.
@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from ..gaussians import SpawnConfig, Spawned
-from ..gaussians.spawn import coarse_to_fine, cover
+from ..gaussians.spawn import DepthImage, coarse_to_fine, cover
 from ..geometry import quaternion
 from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import Camera
@@ -32,25 +32,25 @@ from .needs import Need
 VIEWS, COLUMNS = 32, 240
 """Views, evenly over the clip, that are looked at, and their width in pixels."""
 COVERED, CLEAR = 0.2, 0.7
-"""Of the most light that a view would get of it without what moves, the fraction that some view gets: less of what is covered, more
-of what lends its colours. The most light, as a sliver in the corner of a view tells nothing of the whole. With .35 pictures along
-the path lose two to three times as much (train .2 dB), and what is left without the movers looks the same."""
+"""Largest blend weight of a static Gaussian over all views, as a fraction of the largest without moving objects: below the first it
+is covered, above the second it lends its colours to covered ones. With .35 pictures along the path lose two to three times as much
+(train .2 dB), and the scene without the movers looks the same."""
 SEEN = 0.1
 """Least blend weight, in pixels of a view, of a Gaussian of which that view tells."""
 OPAQUE = 0.9
-"""Alpha from which on what moves hides a pixel, and what stands still leaves no hole; the fraction of what is clear in a pixel that
-is known."""
+"""Alpha from which dynamic Gaussians hide a pixel, and from which static ones leave no hole; fraction of clear Gaussians in a pixel
+that is known."""
 MIN_HOLE = 4
 """Pixels; less of a view is no hole."""
 NEARER = 0.9
-"""What is nearer than this many times the nearest of the movers stands before them, and does not go on behind them."""
+"""Surfaces nearer than this many times the nearest mover stand before the movers, and do not go on behind them."""
 FIRST = 5
 """Percentile of the movers' depths that is the nearest: single Gaussians stray."""
 MADE = SpawnConfig(spacing=2.0, scale=0.7, opacity=0.95)
 """Cells in pixels of a view, so large that a layer is opaque: there is no detail that smaller ones could show."""
 BEHIND = 1.02
-"""What is made up lies this much farther away than what goes on into it, which hides its rim. At the same depth more of it is in
-sight and left out: in two of four toys the hole is .25 dB farther from the truth."""
+"""Factor by which made-up surfaces lie behind those that go on into them, which hides their rims. At the same depth more of them
+is in sight and left out: in two of four toys the hole is .25 dB farther from the truth."""
 THIN = 0.05
 """Opacity with which new ones are looked for in the views: opaque ones would hide each other, and come to light where one is taken
 out."""
@@ -60,9 +60,9 @@ camel's path lose .01 dB more, and no hole gains .1."""
 
 
 def completed(scene: Scene) -> Scene:
-    """A whole fitted scene with what moves always hides made up: new colours and new Gaussians, told in a row of its needs.
+    """Return a fitted scene with the background that movers hide in all frames made up: new colours and new Gaussians.
 
-    For the last look at a scene: a later window of a clip would take what is made up for what was seen.
+    A row of the scene's needs counts them. Not for a window of a longer clip: the next one would take them for what was seen.
     """
     if not len(scene.dynamic) or not len(scene.static):
         return scene
@@ -79,7 +79,7 @@ class _Making:
     """The background while it is made up, view after view."""
 
     scene: Scene
-    """With what has been made up so far."""
+    """The scene with everything made up so far."""
     views: Sequence[View]
     """Small ones, evenly over the clip."""
     first: int
@@ -130,10 +130,10 @@ class _Making:
         self._paint(rows, rgb[row, column])
         depth = np.maximum(depth, BEHIND * np.nan_to_num(moving["depth"]))
         image = (255 * rgb).round().astype(np.uint8)
-        self._add(cover(image, depth, hole, camera, np.zeros((0, 3)), MADE, self.rng), camera)
+        self._add(cover(DepthImage(image, depth, hole, camera), np.zeros((0, 3)), MADE, self.rng), camera)
 
     def finish(self) -> Scene:
-        """The scene, without what proved to be in sight."""
+        """Return the scene, without what proved to be in sight."""
         scene, made = self.scene, self._hidden()
         if not made.any() and not self.painted.any():
             return replace(scene, static=scene.static.take(slice(self.first)))
@@ -148,7 +148,7 @@ class _Making:
         return replace(scene, static=static, needs=(*scene.needs, need.row()), extra={**scene.extra, **extra})
 
     def _hidden(self) -> np.ndarray:
-        """(n,) bool: new Gaussians that are in sight in no view, with one another or alone."""
+        """Return (n,) bool: new Gaussians that are in sight in no view, with one another or alone."""
         static = self.scene.static
         if len(static) == self.first:
             return np.zeros(0, bool)
@@ -158,7 +158,7 @@ class _Making:
         return most <= SHINES * THIN * self.light
 
     def _covered_in(self, camera: Camera, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) rows of covered Gaussians, not yet painted, whose centres `hidden (H,W)` pixels cover, (2,n) those pixels."""
+        """Return (n,) rows of covered Gaussians, not yet painted, whose centres `hidden (H,W)` pixels cover, (2,n) those pixels."""
         rows = np.flatnonzero(self.covered & ~self.painted)
         pixels, z = camera.project(self.scene.static.means[rows])
         inside = (z > 0) & ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(1)
@@ -210,13 +210,13 @@ def harmonic(values: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _light(scene: Scene, view: View) -> np.ndarray:
-    """(N,) of each Gaussian, static ones first, what reaches a view, in pixels."""
+    """Return (N,) the blend weight of each Gaussian in a view, in pixels, static ones first."""
     layer = np.ones((view.camera.height, view.camera.width, 1), np.float32)
     return blend_weight_sums(scene.posed(view.time), view.camera, layer)[:, 0]
 
 
 def _shown(scene: Scene, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
-    """Of the S static Gaussians: (S,) the fraction of its most light that reaches a view, (S,) bool whether any view tells."""
+    """Return (S,) the fraction `COVERED` is about, of each static Gaussian, and (S,) bool: the Gaussians that are in some view."""
     count, background = len(scene.static), scene.background
     alone, reaches = np.zeros(count), np.zeros(count)
     for view in views:

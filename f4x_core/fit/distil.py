@@ -1,7 +1,7 @@
 """Distillation: foundation models' feature maps become latents on Gaussians and nodes, and heads that decode them.
 
 A stage of its own after the photometric one: geometry, opacity, colour and cameras stand still, so pictures cannot
-change. What stands still is measured once per frame (`features.footprint`); a step is then a sparse product, not a drawing.
+change. The static scene is measured once per frame (`features.footprint`); a step is then a sparse product, not a drawing.
 What was measured and the maps lie on disk, so that memory does not grow with the clip.
 
 Light is divided by alpha before heads decode it, here and wherever the field is read: a cell that is half covered has the
@@ -108,14 +108,14 @@ class _Mix(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, latents: Tensor, view: View) -> Tensor:
-        """(cells,D) of `latents (columns,D)`."""
+        """Return (cells,D) of `latents (columns,D)`."""
         ctx.view = view
         return torch.from_numpy(view.mix @ latents.detach().numpy())
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> Any:
-        """Gradient of the latents."""
+        """Return the gradient of the latents."""
         return torch.from_numpy(ctx.view.mix.T @ gradient.numpy()), None
 
 
@@ -138,11 +138,11 @@ class HeadTask:
         self.weight = (config.head_weights or {}).get(self.spec.name, 1.0)
 
     def decode(self, latent: Tensor) -> Tensor:
-        """Features (…,C)."""
+        """Return the features (…,C)."""
         return self.mean + self.spread * self.head(latent)
 
     def loss(self, latent: Tensor, alpha: Tensor, frame: int) -> Tensor:
-        """Relative L1 + SSIM + cosine terms of a view's latent (H,W,D), over cells that are covered."""
+        """Return the relative L1 + SSIM + cosine terms of a view's latent (H,W,D), over cells that are covered."""
         z, covered = to_grid(latent, alpha, self.spec)
         seen = covered > COVERED  # (h,w)
         wanted = torch.from_numpy(self.maps.at(frame))
@@ -157,7 +157,7 @@ class HeadTask:
         return self.weight * loss
 
     def folded(self) -> Head:
-        """The head with mean and spread inside its last layer."""
+        """Return the head with mean and spread inside its last layer."""
         head = Head.from_arrays(self.head.to_arrays())
         last = head.layers[-1]
         with torch.no_grad():
@@ -176,7 +176,7 @@ class KeptHead:
         self.stored, self.head = stored, Head.from_arrays(arrays).requires_grad_(False)
 
     def loss(self, latent: Tensor, before: Tensor, alpha: Tensor) -> Tensor:
-        """Relative L1 between what is decoded from the latent (H,W,D) now and before."""
+        """Return the relative L1 between what is decoded from the latent (H,W,D) now and before."""
         seen = (alpha > COVERED)[..., None]
         with torch.no_grad():
             wanted = self.head(before) * seen
@@ -186,7 +186,7 @@ class KeptHead:
 def distil(
     scene: Scene, maps: Sequence[FeatureMaps], config: DistilConfig | None = None, progress: Progress = silent
 ) -> Scene:
-    """The scene with a head for each of `maps` (and the heads it already had), trained on its used frames.
+    """Return the scene with a head for each of `maps` (and the heads it already had), trained on its used frames.
 
     Gaussians, scaffold and cameras are the same objects (with `feature_grad_to_skinning`: but for the skinning weights).
     Each head's `report` tells relative error mean|found - wanted| / mean|wanted| and cosine on used and held-out frames, as
@@ -289,7 +289,7 @@ class _Distillation:
         return View(frame, sparse.csr_matrix(mix, dtype=np.float32), torch.from_numpy(alpha.astype(np.float32)))
 
     def first_latents(self, views: Sequence[View]) -> np.ndarray:
-        """(Ns+M,D) where training starts: the scene's own latents, or each column's mean of the principal components that
+        """Return (Ns+M,D) where training starts: the scene's own latents, or each column's mean of the principal components that
         its cells show, spread 1."""
         old = self.scene.features
         if self.kept and old is not None:
@@ -308,7 +308,7 @@ class _Distillation:
         return (latents / max(spread, 1e-6)).astype(np.float32)
 
     def components(self, frame: int) -> np.ndarray:
-        """(cells,D) principal components of all teachers' maps of a frame, on the common grid."""
+        """Return (cells,D) principal components of all teachers' maps of a frame, on the common grid."""
         found = []
         for each in self.maps:
             map_ = torch.from_numpy(each.at(frame)).permute(2, 0, 1)[None]  # (1,C,h,w)
@@ -317,7 +317,7 @@ class _Distillation:
         return self.spectrum.coordinates(found, self.width)
 
     def train(self, views: Sequence[View], start: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Latents (Ns+M,D) after training and, where they may move, skinning weights (Nd,K)."""
+        """Return the latents (Ns+M,D) after training and, where they may move, skinning weights (Nd,K)."""
         config = self.config
         before = torch.from_numpy(start.astype(np.float32))
         latents = before.clone().requires_grad_(not self.frozen)
@@ -334,7 +334,7 @@ class _Distillation:
         parameters = [parameter for group in groups for parameter in group["params"]]
 
         def gradients(view: View) -> tuple[Tensor, ...]:
-            """Gradients of a view's loss to all parameters."""
+            """Return the gradients of a view's loss to all parameters."""
             seen = self.seen(latents if skin is None else skin.columns(latents), view)
             loss = torch.stack([task.loss(seen, view.alpha, view.frame) for task in self.tasks]).sum()
             if self.kept and latents.requires_grad:
@@ -358,12 +358,12 @@ class _Distillation:
         return latents.detach().numpy(), None if skin is None else skin.weights().detach().numpy()
 
     def seen(self, columns: Tensor, view: View) -> Tensor:
-        """(h,w,D) latent that a view sees."""
+        """Return (h,w,D) latent that a view sees."""
         mixed: Tensor = _Mix.apply(columns, view)
         return mixed.reshape(*self.grid, -1)
 
     def need(self) -> Need:
-        """The row of the needs table."""
+        """Return the row of the needs table."""
         chosen = f"{self.width} channels, {len(self.kept) + len(self.tasks)} heads"
         evidence = self.spectrum.evidence() if self.config.width is None and not self.kept else "given"
         if self.kept:
@@ -430,11 +430,11 @@ class _Skinning:
         self.static = len(scene.static)
 
     def weights(self) -> Tensor:
-        """(Nd,K), 0 where they were 0."""
+        """Return (Nd,K), 0 where they were 0."""
         return torch.softmax(self.logits.masked_fill(~self.used, -math.inf), 1).nan_to_num(0.0)
 
     def columns(self, latents: Tensor) -> Tensor:
-        """(Ns+Nd,D) latents of all Gaussians from those of static ones and nodes."""
+        """Return (Ns+Nd,D) latents of all Gaussians from those of static ones and nodes."""
         nodes = latents[self.static :]
         return torch.cat([latents[: self.static], (self.weights()[..., None] * nodes[self.node]).sum(1)])
 
@@ -472,7 +472,7 @@ def common_grid(specs: Sequence[FeatureSpec], scene: Scene) -> tuple[int, int]:
 
 
 def to_grid(latent: Tensor, alpha: Tensor, spec: FeatureSpec) -> tuple[Tensor, Tensor]:
-    """Latent (h,w,D) and alpha (h,w) on the grid of `spec`, from any other; empty cells are no part of the mean.
+    """Return the latent (h,w,D) and alpha (h,w) on the grid of `spec`, from any other; empty cells are no part of the mean.
 
     Shrinking is anti-aliased: means over area, or a triangle as wide as the new cells for `bilinear`.
     """
@@ -500,7 +500,7 @@ def dissimilarity(found: Tensor, wanted: Tensor, seen: Tensor, span: float) -> T
 
 
 def _stored(task: HeadTask) -> FieldHead:
-    """The trained head in the scene file's form."""
+    """Return the trained head in the scene file's form."""
     arrays = {name: array.astype(np.float16) for name, array in task.folded().to_arrays().items()}
     layers = range(len(arrays) // 2)
     glob = None if task.maps.glob is None else np.asarray(task.maps.glob, np.float16)

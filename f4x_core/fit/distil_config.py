@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DistilConfig:
-    """How features are distilled."""
+    """Settings of distilling features into a scene."""
 
     width: int | None = None
     """D, channels of the latent; even, because two share a byte. None asks the spectrum of the teachers for one of its `WIDTHS`."""
@@ -38,6 +38,6 @@ class DistilConfig:
     threads: int | None = None
     """Threads of the raster; None: all cores."""
     backend: str = "auto"
-    """What draws."""
+    """Raster backend."""
     bits: int = 4
     """Bits per channel of a stored latent, 4 or 8: a cell is the mean of so many Gaussians that rounding averages out."""

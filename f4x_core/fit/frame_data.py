@@ -46,7 +46,7 @@ class FrameData:
     """Pixels of `large` from one pixel to the next."""
 
     def seen(self, frame: int) -> Tensor | None:
-        """(H,W) float32 1 where the frame was seen; None where all of it was."""
+        """Return (H,W) float32 1 where the frame was seen; None where all of it was."""
         return None if self.hidden is None else (~self.hidden[frame]).float()
 
     def maps(self, frame: int) -> FramePriors:
@@ -61,13 +61,13 @@ class FrameData:
         )
 
     def _sampled(self, large: np.ndarray) -> Tensor:
-        """(H,W) of a map at the size of `large`."""
+        """Return (H,W) of a map at the size of `large`."""
         rows, columns = (slice(0, self.step * size, self.step) for size in (self.height, self.width))
         return torch.from_numpy(np.ascontiguousarray(large[rows, columns]))
 
     @classmethod
     def full(cls, clip: Clip, priors: Priors) -> FrameData:
-        """The supervised frames at the fitted size."""
+        """Return the supervised frames at the fitted size."""
         frames = clip.frames if len(priors.frames) == len(clip) else clip.frames[priors.frames]  # no copy of all
         rgb = torch.from_numpy(np.require(frames, requirements=("C", "W")))
         hidden = None if clip.hidden is None else torch.from_numpy(clip.hidden[priors.frames])
@@ -88,7 +88,7 @@ class FrameData:
 
 @dataclass(frozen=True)
 class MovingTracks:
-    """The tracks of what moves, in pixels of the priors."""
+    """The tracks of moving objects, in pixels of the priors."""
 
     points: Tensor
     """(F,P,2) float32."""
@@ -110,7 +110,7 @@ class MovingTracks:
         return cls(torch.from_numpy(priors.tracks), torch.from_numpy(visible & (motion > TRACK_MOTION)[None]), *size)
 
     def random_partner(self, frame: int, generator: torch.Generator) -> int | None:
-        """A random other frame that shares enough tracks with `frame`; None where there is none."""
+        """Return a random other frame that shares enough tracks with `frame`; None where there is none."""
         shared = (self.visible & self.visible[frame]).sum(1)  # (F,)
         shared[frame] = 0
         candidates = (shared >= MIN_SHARED_TRACKS).nonzero()[:, 0]
@@ -119,6 +119,6 @@ class MovingTracks:
         return int(candidates[torch.randint(len(candidates), (1,), generator=generator)])
 
     def shared(self, frame: int, partner: int) -> tuple[Tensor, Tensor]:
-        """(n,2) pixels of the tracks that both frames see: in `frame`, and in `partner`."""
+        """Return (n,2) pixels of the tracks that both frames see: in `frame`, and in `partner`."""
         both = self.visible[frame] & self.visible[partner]
         return self.points[frame, both], self.points[partner, both]

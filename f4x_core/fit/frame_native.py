@@ -16,7 +16,7 @@ from .picture_native import Comparison
 
 
 class FrameMaps(NamedTuple):
-    """What a frame is supervised with, (H,W) or (H,W,3)."""
+    """A frame and its priors, (H,W) or (H,W,3)."""
 
     frame: Tensor
     """uint8 colours."""
@@ -40,6 +40,16 @@ class FrameWeights(NamedTuple):
     min_depth: float
 
 
+class Supervision(NamedTuple):
+    """A frame with its priors, and how a render is compared with them."""
+
+    maps: FrameMaps
+    weights: FrameWeights
+    comparison: Comparison
+    min_attention: float
+    """Lower bound of the sum of the pixels' weights that the picture loss is divided by."""
+
+
 class NativeFrameLosses(torch.autograd.Function):
     """Weighted sum of the losses that compare channels (H,W,C), depth and alpha (H,W) with a frame and its priors.
 
@@ -48,17 +58,9 @@ class NativeFrameLosses(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(
-        ctx,
-        channels: Tensor,
-        depth: Tensor,
-        alpha: Tensor,
-        maps: FrameMaps,
-        weights: FrameWeights,
-        comparison: Comparison,
-        min_weight: float,
-    ) -> Tensor:
-        """The sum, a scalar; raises F4xError where memory runs out."""
+    def forward(ctx, channels: Tensor, depth: Tensor, alpha: Tensor, supervision: Supervision) -> Tensor:
+        """Return the sum, a scalar; raises F4xError where memory runs out."""
+        maps, weights, comparison, min_attention = supervision
         height, width, count = channels.shape
         size = {"width": width, "height": height}
         gradients = [torch.empty_like(rendered) for rendered in (channels, depth, alpha)]
@@ -79,7 +81,7 @@ class NativeFrameLosses(torch.autograd.Function):
         )
         failed = F4X_FRAME_LOSSES(problem, of_pixels)
         pixels, attended = of_pixels.tolist()
-        factor, of_picture = 1 / max(attended, min_weight), DOUBLE()
+        factor, of_picture = 1 / max(attended, min_attention), DOUBLE()
         picture = PICTURE(
             **size,
             channels=3,
@@ -100,8 +102,8 @@ class NativeFrameLosses(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, factor: Tensor) -> Any:
-        """Gradients of channels, depth and alpha."""
+        """Return the gradients of channels, depth and alpha."""
         gradients = ctx.saved_tensors
         if factor != 1:  # seldom: of the total, that is what it is
             gradients = [gradient * factor for gradient in gradients]
-        return *gradients, None, None, None, None
+        return *gradients, None

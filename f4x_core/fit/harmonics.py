@@ -117,7 +117,7 @@ def _views(model: SceneModel, images: Tensor, frames: list[int], config: RasterC
 
 
 def _weight_sums(view: _View, config: RasterConfig, backend: str) -> Tensor:
-    """(N,4) each Gaussian's blend weights, summed over the residual's three colours and over all pixels."""
+    """Return (N,4) each Gaussian's blend weights, summed over the residual's three colours and over all pixels."""
     layers = torch.cat([view.residual, torch.ones_like(view.residual[..., :1])], -1).numpy()
     splats, camera = view.splats.map(Tensor.numpy), view.camera
     fixed = Camera(camera.intrinsics.numpy(), camera.world_to_camera.numpy(), camera.width, camera.height)

@@ -30,7 +30,7 @@ class LinearConfig:
     save_every: int = 100
     """Steps between checkpoints."""
     seed: int = 0
-    """Of the choice of views."""
+    """Seed of the choice of views."""
     threads: int = 0
     """Worker threads; 0 = all cores. Never changes the result."""
 

@@ -34,9 +34,9 @@ from ..scene.model import faded
 from .checkpoint import load_checkpoint, save_checkpoint
 from .linear_config import LinearConfig
 
-LEAST_OPACITY = 0.011
+MIN_OPACITY = 0.011
 """Smallest opacity at the start: below .01 Cycles draws nothing, and no gradient comes back."""
-MOST_OPACITY = 0.999
+MAX_OPACITY = 0.999
 STAGE = "linear light"
 """Name of the stage in progress reports."""
 
@@ -48,7 +48,7 @@ def refit(
     resume: bool = False,
     progress: Progress = silent,
 ) -> Scene:
-    """The scene with an appearance for linear light stored in it (`scene.linear.with_look`); all else is as it was.
+    """Return the scene with an appearance for linear light stored in it (`scene.linear.with_look`); all else is as it was.
 
     Args:
         scene: its edits stay, but the unedited Gaussians are what is refitted.
@@ -82,7 +82,7 @@ class _Refit:
         start = linear_look(with_look(scene, None))
         self.scene, self.config = scene, config
         self.log_scales = torch.from_numpy(np.log(np.maximum(start.scales, 1e-9))).requires_grad_()
-        opacities = torch.from_numpy(start.opacities).clamp(LEAST_OPACITY, MOST_OPACITY)
+        opacities = torch.from_numpy(start.opacities).clamp(MIN_OPACITY, MAX_OPACITY)
         self.opacity_logits = torch.logit(opacities).requires_grad_()
         self.there = torch.from_numpy(start.opacities > 0)
         self.color_shift = torch.zeros(len(opacities), 3, requires_grad=True)
@@ -111,7 +111,7 @@ class _Refit:
         return digest.hexdigest()
 
     def run(self, checkpoint: Path | None, resume: bool, progress: Progress) -> Look:
-        """All steps."""
+        """Run all steps from the last checkpoint, and return the appearance."""
         key, begun = self.key, 0
         state = load_checkpoint(checkpoint, key) if checkpoint is not None and resume else None
         if state is not None:
@@ -132,7 +132,7 @@ class _Refit:
         return self.look()
 
     def look(self) -> Look:
-        """The appearance as it is now."""
+        """Return the appearance as it is now."""
         with torch.no_grad():
             dc = self.start.dc + spherical_harmonics.dc_from_rgb(self.color_shift.numpy() + 0.5)
             opacities = torch.where(self.there, torch.sigmoid(self.opacity_logits), 0.0)
@@ -152,7 +152,7 @@ class _Refit:
         self.adam.step()
 
     def _draw(self, posed: PosedSplats, colors: Tensor, camera: Camera, time: float) -> Tensor:
-        """(H,W,4) linear colours and alpha as a renderer for linear light draws them."""
+        """Return (H,W,4) linear colours and alpha as a renderer for linear light draws them."""
         opacities = torch.where(self.there, torch.sigmoid(self.opacity_logits), 0.0)
         if self.scene.fades:
             opacities = 1 - (1 - opacities) ** torch.from_numpy(self.scene.presence(time))
@@ -160,7 +160,7 @@ class _Refit:
         return filtered_rays(splats, linear_color(colors + self.color_shift), camera, self.config.oversample, self.rays)
 
     def _view(self, step: int) -> tuple[Camera, float]:
-        """A part of the clip's picture at a moment, or, every second time, of a view from aside."""
+        """Return a part of the clip's picture at a moment, or, every second time, of a view from aside."""
         rng = np.random.default_rng([self.config.seed, step])
         time = float(rng.choice(self.scene.cameras.times))
         right, up = rng.uniform(-self.config.aside, self.config.aside, 2)
@@ -175,18 +175,18 @@ class _Refit:
 
 
 def linear_color(display: Tensor) -> Tensor:
-    """Linear light of display colours, which below 0 have none (IEC 61966-2-1)."""
+    """Return linear light of display colours, which below 0 have none (IEC 61966-2-1)."""
     display = display.clamp_min(0)
     return torch.where(display <= 0.04045, display / 12.92, ((display.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
 
 
 def display_color(linear: Tensor) -> Tensor:
-    """The inverse of `linear_color`."""
+    """Return the inverse of `linear_color`."""
     return torch.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def agreement(scene: Scene, count: int = 6) -> list[float]:
-    """PSNR (dB) of `count` views of the clip, drawn of the linear appearance as Cycles does, against the fitted one's pictures."""
+    """Return the PSNR (dB) of `count` views of the clip: the linear appearance, drawn as Cycles does, against the fitted one."""
     look, fitted = linear_look(scene), scene.base
     _, steady = fitted.full_appearance
     times = fitted.cameras.times[np.linspace(0, len(fitted.cameras) - 1, count).round().astype(int)]

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..raster import RasterOutput
-from ..scaffold.losses import motion_loss
+from ..scaffold.losses import MotionTerms, motion_loss
 from ..scaffold.motion_native import MotionWeights
 from .config import FitConfig
 from .frame_data import FrameData, FramePriors, MovingTracks
@@ -21,7 +21,7 @@ from .model import SceneModel
 TRACK_CLAMP = 20.0
 """A correspondence further off than this many pixels is an outlier whose pull is capped."""
 MIN_ALPHA = 0.1
-"""Where less than this is drawn, a rendered position is not divided up to full opacity."""
+"""Lower bound of the alpha by which a rendered position is divided."""
 MIN_DEPTH = 1e-2
 """World units; rendered positions nearer to the camera plane, or behind it, are projected from here."""
 
@@ -32,7 +32,7 @@ class Rendered:
 
     frame: int
     data: FrameData
-    """What supervises it."""
+    """Frames and priors that supervise it."""
     output: RasterOutput
     """Channels: rgb; where something moves the alpha of what is dynamic; with a partner, positions (3) at the partner's time."""
     partner: int | None = None
@@ -95,7 +95,7 @@ class LossTerm:
     value: Callable[[Rendered], Tensor]
     """The unweighted scalar."""
     every: int = 1
-    """It counts at every n-th step."""
+    """Steps between two at which it counts."""
 
     def due(self, step: int) -> bool:
         """Return True if it counts at `step`."""
@@ -103,7 +103,7 @@ class LossTerm:
 
 
 def total_loss(terms: Sequence[LossTerm], step: int, rendered: Rendered) -> Tensor:
-    """The weighted sum of the terms that count at `step`."""
+    """Return the weighted sum of the terms that count at `step`."""
     total = torch.zeros(())
     for term in terms:
         if term.due(step):
@@ -112,7 +112,7 @@ def total_loss(terms: Sequence[LossTerm], step: int, rendered: Rendered) -> Tens
 
 
 def loss_terms(model: SceneModel, tracks: MovingTracks, config: FitConfig) -> tuple[LossTerm, ...]:
-    """The terms of a fit, those without weight left out."""
+    """Return the terms of a fit, those without weight left out."""
     weights = config.losses
     losses = _Losses(model, tracks, config)
     if model.kernels.native:
@@ -140,7 +140,7 @@ class _Losses:
     config: FitConfig
 
     def pixels(self, rendered: Rendered) -> Tensor:
-        """The weighted sum of the losses rgb, depth, roughness and mask, by the compiled library."""
+        """Return the weighted sum of the losses rgb, depth, roughness and mask, by the compiled library."""
         config, maps = self.config, rendered.maps
         weights, output = config.losses, rendered.output
         rough = config.rough_every * weights.roughness if rendered.step % config.rough_every == 0 else 0.0
@@ -152,14 +152,14 @@ class _Losses:
         )
 
     def rgb(self, rendered: Rendered) -> Tensor:
-        """L1 and SSIM against the frame; moving pixels weigh more, because what moves is small but looked at."""
+        """L1 and SSIM against the frame; moving pixels weigh more, because moving objects are small but looked at."""
         weights = self.config.losses
         target = rendered.target.float() / 255
         attention = 1 + (weights.moving - 1) * rendered.motion  # (H,W)
         return rgb_loss(rendered.rgb, target, attention, weights.ssim)
 
     def depth(self, rendered: Rendered) -> Tensor:
-        """Inverse depth against the prior's, by its confidence."""
+        """Compare inverse depth with the prior's, by its confidence."""
         maps, output = rendered.maps, rendered.output
         return depth_loss(output.depth, output.alpha, maps.depth, maps.confidence.float())
 
@@ -170,7 +170,7 @@ class _Losses:
         return depth_roughness(output.depth, output.alpha, rendered.target.float() / 255, unsure)
 
     def mask(self, rendered: Rendered) -> Tensor:
-        """Alpha of the dynamic Gaussians against the moving mask, as far as the motion score is certain."""
+        """Compare the alpha of the dynamic Gaussians with the moving mask, as far as the motion score is certain."""
         certain = (2 * rendered.motion - 1).abs()  # 0 where the score says nothing
         error = (rendered.dynamic_alpha - (rendered.motion > 0.5).float()).abs()
         return (error * certain).mean()
@@ -196,7 +196,7 @@ class _Losses:
         return torch.linalg.vector_norm(pixels - expected, dim=1).clamp_max(TRACK_CLAMP).mean()
 
     def motion(self, rendered: Rendered) -> Tensor:
-        """The physics-inspired losses of the nodes on the frames around the rendered one."""
+        """Return the physics-inspired losses of the nodes on the frames around the rendered one."""
         config, model, w = self.config, self.model, self.config.losses
         nodes, frame, reach = model.nodes, rendered.frame, max(config.shifts)
         assert nodes is not None
@@ -207,7 +207,7 @@ class _Losses:
         xyz, quat = (nodes.parameters[name][window] for name in ("node_xyz", "node_quat"))
         times = torch.from_numpy(model.times[window])
         shifts = dict(zip(config.shifts, config.shift_weights, strict=True))
-        loss = motion_loss(xyz, quat, times, nodes.edges, shifts, weights, model.kernels)
+        loss = motion_loss(xyz, quat, times, MotionTerms(nodes.edges, shifts, weights, model.kernels))
         if model.dynamic is not None and model.dynamic.use_dw:
             loss = loss + w.dw * model.dynamic.parameters["dw"].abs().mean()
         return loss

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ..metrics.pictures import SSIM_C1, SSIM_C2, ssim_map, ssim_window
 from ..native.kernels import TORCH, Kernels
-from .frame_native import FrameMaps, FrameWeights, NativeFrameLosses
+from .frame_native import FrameMaps, FrameWeights, NativeFrameLosses, Supervision
 from .picture_native import Comparison, NativePictureLoss
 
 # Composited depth is not divided by less than this.
@@ -23,7 +23,7 @@ PLAIN = 0.04
 
 
 def masked_l1(image: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Sum over channels of |image - target| (H,W,C), averaged over pixels with `weight` (H,W)."""
+    """Return the sum over channels of |image - target| (H,W,C), averaged over pixels with `weight` (H,W)."""
     return ((image - target).abs().sum(-1) * weight).sum() / weight.sum().clamp_min(MIN_WEIGHT)
 
 
@@ -65,7 +65,7 @@ def frame_losses(
 ) -> Tensor:
     """Weighted sum of the losses that compare channels (H,W,C), depth and alpha (H,W) with a frame, by the compiled library.
 
-    Channels are rgb and, with a weight of the mask, the alpha of what moves; others send no gradient. What is compared, and
+    Channels are rgb and, with a weight of the mask, the alpha of moving objects; others send no gradient. What is compared, and
     the plain form of each loss, is in `loss_terms`.
     """
     step = roughness_step(*maps.prior.shape) if factors.roughness else 0
@@ -73,11 +73,11 @@ def frame_losses(
         factors.moving, factors.depth, factors.roughness, factors.mask, step, plain=PLAIN, min_depth=MIN_DEPTH
     )
     comparison = Comparison(ssim_window(torch.float32), SSIM_C1, SSIM_C2, factors.ssim, threads)
-    return NativeFrameLosses.apply(*rendered, maps, weights, comparison, MIN_WEIGHT)
+    return NativeFrameLosses.apply(*rendered, Supervision(maps, weights, comparison, MIN_WEIGHT))
 
 
 def roughness_step(height: int, width: int) -> int:
-    """Pixels between two that a bend of the depth compares."""
+    """Return the pixels between two that a bend of the depth compares."""
     return max(round(min(height, width) / ROUGHNESS_STEPS), 1)
 
 
@@ -105,7 +105,7 @@ def depth_roughness(depth: Tensor, alpha: Tensor, image: Tensor, unsure: Tensor)
 
     Args:
         depth: (H,W) composited `sum z a T`. alpha: (H,W). image: (H,W,3) in [0,1], the frame.
-        unsure: (H,W) in [0,1], how little is known of the depth of a pixel of the background; 0 on what moves, at whose
+        unsure: (H,W) in [0,1], how little is known of the depth of a pixel of the background; 0 on moving objects, at whose
             outlines surfaces end.
     """
     inverse, step = alpha / depth.clamp_min(MIN_DEPTH), roughness_step(*image.shape[:2])
@@ -119,7 +119,7 @@ def depth_roughness(depth: Tensor, alpha: Tensor, image: Tensor, unsure: Tensor)
 
 
 def _three(image: Tensor, axis: int, step: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Pixels, and those `step` before and behind them along `axis`, in the order in which they lie."""
+    """Return the pixels, and those `step` before and behind them along `axis`, in the order in which they lie."""
     count = image.shape[axis] - 2 * step
     first, middle, last = (image.narrow(axis, k * step, count) for k in (0, 1, 2))
     return first, middle, last

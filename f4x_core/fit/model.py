@@ -21,7 +21,7 @@ from ..geometry.splats import Splats
 from ..native.kernels import TORCH, Kernels
 from ..raster import RasterConfig, RasterOutput, rasterize
 from ..scaffold import Scaffold
-from ..scaffold.deformation.native.autograd import NativeDeformer
+from ..scaffold.deformation.native.autograd import GaussianTensors, NativeDeformer, NodeTensors
 from ..scaffold.deformation.sparse import Deformer
 from ..scaffold.distance import curve_distance
 from ..scaffold.graph import GraphConfig, multilevel_edges
@@ -77,7 +77,7 @@ class NodeSet:
         return quaternion.normalize(self.parameters["node_quat"])
 
     def snapshot(self) -> Scaffold:
-        """The scaffold with the parameters' present values."""
+        """Return the scaffold with the parameters' present values."""
         with torch.no_grad():
             return dataclasses.replace(
                 self.scaffold,
@@ -89,7 +89,7 @@ class NodeSet:
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
-    """Which dynamic Gaussian hangs where, and what is derived from that."""
+    """Nodes of the dynamic Gaussians, and data derived from them."""
 
     attach: Tensor
     """(N,) index of each Gaussian's node."""
@@ -115,37 +115,35 @@ class Moved(NamedTuple):
 
 
 def _centre(camera: Camera) -> tuple[float, float, float]:
-    """`camera.center` in plain numbers, without gradients: see `camera_rig.CorrectedView`."""
+    """Return `camera.center` in plain numbers, without gradients: see `camera_rig.CorrectedView`."""
     rows = camera.world_to_camera[:3].tolist()
     x, y, z = (-sum(row[axis] * row[3] for row in rows) for axis in range(3))
     return x, y, z
 
 
+@dataclass(eq=False)
 class SceneModel:
-    """The scene under optimisation."""
+    """The scene under optimisation; `dynamic` and `nodes` are None where nothing moves."""
 
-    def __init__(
-        self,
-        static: StaticGaussians,
-        dynamic: DynamicGaussians | None,
-        nodes: NodeSet | None,
-        rig: CameraRig,
-        kernel: Kernel,
-        kernels: Kernels = TORCH,
-        frozen: Splats | None = None,
-    ):
-        """Put the parts together; `dynamic` and `nodes` are None where nothing moves.
+    static: StaticGaussians
+    dynamic: DynamicGaussians | None
+    nodes: NodeSet | None
+    rig: CameraRig
+    kernel: Kernel
+    """Skinning kernel."""
+    kernels: Kernels = TORCH
+    """Compiled or torch code that moves and colours the Gaussians."""
+    frozen: Splats | None = None
+    """Gaussians that are drawn and never change: tensors with harmonics of the degree of the others."""
+    _attachment: Attachment | None = field(default=None, init=False)
 
-        `kernel`: skinning kernel. `kernels`: what moves and colours the Gaussians. `frozen`: Gaussians that are drawn and never
-        change, tensors with harmonics of the degree of the others.
-        """
-        self.static, self.dynamic, self.nodes, self.rig, self.kernel = static, dynamic, nodes, rig, kernel
-        self.kernels, self.frozen = kernels, frozen
-        self.times = rig.path.times
-        self._attachment: Attachment | None = None
+    @property
+    def times(self) -> np.ndarray:
+        """(F,) clip times of the supervised frames."""
+        return self.rig.path.times
 
     def __len__(self) -> int:
-        """Gaussians of both sets."""
+        """Return the number of Gaussians of both sets."""
         return len(self.static) + (0 if self.dynamic is None else len(self.dynamic))
 
     def sets(self) -> Iterator[tuple[str, StaticGaussians | DynamicGaussians]]:
@@ -178,7 +176,7 @@ class SceneModel:
         return known
 
     def skinning(self, x_reference: Tensor) -> tuple[Tensor, Tensor]:
-        """Weights (N,K) and identity strength (N,) of the dynamic Gaussians at their reference positions (N,3)."""
+        """Return the weights (N,K) and identity strength (N,) of the dynamic Gaussians at their reference positions (N,3)."""
         assert self.dynamic is not None
         assert self.nodes is not None
         known = self.attachment
@@ -195,7 +193,7 @@ class SceneModel:
         return self.attachment.born
 
     def dynamic_at(self, *times: float) -> list[Moved]:
-        """The dynamic Gaussians at each of `times` (clip frame indices), whether they are there then or not."""
+        """Return the dynamic Gaussians at each of `times` (clip frame indices), whether they are there then or not."""
         assert self.dynamic is not None
         assert self.nodes is not None
         xyz = self.nodes.parameters["node_xyz"]
@@ -203,8 +201,9 @@ class SceneModel:
         if attachment.native is not None:
             own = self.dynamic.parameters
             dw = own["dw"] if self.dynamic.use_dw else None
-            poses = xyz, self.nodes.parameters["node_quat"], self.nodes.radius
-            moved = attachment.native(own["local_means"], own["local_quats"], dw, *poses, times)
+            gaussians = GaussianTensors(own["local_means"], own["local_quats"], dw)
+            nodes = NodeTensors(xyz, self.nodes.parameters["node_quat"], self.nodes.radius)
+            moved = attachment.native(gaussians, nodes, times)
             return [Moved(*each, time) for each, time in zip(moved, times, strict=True)]
         quat = self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
@@ -216,7 +215,7 @@ class SceneModel:
         return posed
 
     def posed(self, moved: Moved | None) -> Splats:
-        """All Gaussians, static first, the frozen ones last; `moved` is one entry of `dynamic_at`, None where nothing moves."""
+        """Return all Gaussians, static first, frozen ones last; `moved` is one entry of `dynamic_at`, None where nothing moves."""
         parts = [self.static.splats(self.static.parameters["means"], self.static.parameters["quats"])]
         if moved is not None and self.dynamic is not None:
             parts.append(self.dynamic.splats_there(moved.means, moved.quats, moved.time - self.born))
@@ -227,7 +226,7 @@ class SceneModel:
         return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in parts[0].arrays()})
 
     def drawn(self, moved: Moved | None, camera: Camera, there: Tensor | None = None) -> Drawn:
-        """All Gaussians of `posed` as the raster takes them, with their channels as `camera` sees them.
+        """Return all Gaussians of `posed` as the raster takes them, with their channels as `camera` sees them.
 
         Channels: rgb; where something moves which Gaussians are dynamic; with `there` (M,3), the places of the M dynamic
         Gaussians at another time, the places of all then, static ones staying put. They send no gradient to the camera.
@@ -256,7 +255,7 @@ class SceneModel:
         return DrawnSet(means, quats, scales, opacities, own["sh0"], own["shN"], own.get("log_lifetimes"), there)
 
     def _more_channels(self, means: Tensor, there: Tensor | None) -> list[Tensor]:
-        """The channels of `drawn` behind rgb."""
+        """Return the channels of `drawn` behind rgb."""
         if self.dynamic is None:
             return []
         own = slice(len(self.static), len(self))

@@ -24,14 +24,14 @@ class Need:
     what: str
     """The thing that could have been modelled."""
     chosen: str
-    """How much of it is modelled."""
+    """The part of it that is modelled."""
     evidence: str
     """The measurement that decided."""
     saved: str
-    """What a scene that models everything would have spent in addition."""
+    """Additional cost of a scene that models everything."""
 
     def row(self) -> dict[str, str]:
-        """The row as plain values, for the scene file."""
+        """Return the row as plain values, for the scene file."""
         return asdict(self)
 
 
@@ -46,10 +46,10 @@ class Shortage:
     lacking: int
     """Gaussians that the last round of growth wanted beyond what was allowed."""
     limited_by: str
-    """What allowed no more: a setting, or what was granted."""
+    """The setting or grant that allowed no more."""
 
     def __str__(self) -> str:
-        """What there was no room for."""
+        """Return a sentence part about the Gaussians that there was no room for."""
         if self.room.short:
             return (
                 f"all that is {self.kind}: {self.room.asked:,} Gaussians asked for at the start,"
@@ -59,11 +59,11 @@ class Shortage:
 
 
 def lack_in_words(shortages: Iterable[Shortage]) -> str:
-    """The shortages as one, nothing where there is none."""
+    """Return the shortages as one, nothing where there is none."""
     lacking = "; ".join(map(str, shortages))
     return lacking and f"no room for {lacking}"
 
 
 def moving_fraction(priors: Priors) -> float:
-    """Fraction of all pixels that the mask calls moving."""
+    """Return the fraction of all pixels that the mask calls moving."""
     return float(np.mean(priors.mask)) if priors.mask is not None else 0.0

@@ -18,6 +18,7 @@ from ..scaffold.adam import Adam
 from ..scaffold.control import densify_nodes, largest_weights, prune_nodes, rebase_local
 from ..scaffold.graph import attach_nodes
 from ..scaffold.radius import RadiusConfig, initial_radius
+from ..scaffold.structure import NodePoses
 from .config import NodeConfig
 from .model import NodeSet, SceneModel
 
@@ -71,8 +72,7 @@ def add_nodes(
             reference[moving],
             attach[moving],
             nearest[moving],
-            fresh.parameters["node_xyz"].detach(),
-            fresh.quat.detach(),
+            NodePoses(fresh.parameters["node_xyz"].detach(), fresh.quat.detach()),
         )
         place[moving], turn[moving] = local
         dynamic.labels["attach"] = torch.where(nearest >= len(before), nearest, attach)

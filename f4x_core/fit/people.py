@@ -25,7 +25,7 @@ frames goes with what it is carried along with."""
 
 
 def with_people_of(scene: Scene, priors: Priors) -> Scene:
-    """The unedited scene with the person and the part of the body of every Gaussian stored in it, by its blend weights.
+    """Return the unedited scene with the person and the part of the body of every Gaussian stored in it, by its blend weights.
 
     A scene in whose clip nobody was found stays as it is.
     """
@@ -50,7 +50,7 @@ def with_people_of(scene: Scene, priors: Priors) -> Scene:
 
 
 def _of_their_nodes(scene: Scene, light: np.ndarray) -> np.ndarray:
-    """(Nd,L): `LIKE_ITS_NODE` of light for each moving Gaussian, spread as the `light (Nd,L)` of all that follow its node."""
+    """Return (Nd,L): `LIKE_ITS_NODE` of light for each dynamic Gaussian, spread as the `light (Nd,L)` of all of its node."""
     if scene.scaffold is None:
         return light
     node, together = scene.dynamic.node[:, 0], np.zeros((len(scene.scaffold.ids), light.shape[1]))
@@ -59,7 +59,7 @@ def _of_their_nodes(scene: Scene, light: np.ndarray) -> np.ndarray:
 
 
 def _layers(priors: Priors, row: int, count: int, size: tuple[int, int]) -> np.ndarray:
-    """(h,w,count + parts + 1) float32 of a used frame: the mask of each person, of each part of the body, and ones."""
+    """Return (h,w,count + parts + 1) float32 of a used frame: the mask of each person, of each part of the body, and ones."""
     assert priors.people is not None and priors.people_probability is not None
     height, width = size
     who = np.where(priors.people_probability[row] > SHOWN, priors.people[row], 0)

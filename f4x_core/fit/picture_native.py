@@ -14,7 +14,7 @@ from ..native.picture import F4X_PICTURE_LOSS, PICTURE
 
 
 class Comparison(NamedTuple):
-    """How two pictures are compared."""
+    """Constants of the comparison of two pictures."""
 
     window: Tensor
     """(11,) SSIM's blur."""
@@ -35,7 +35,7 @@ class NativePictureLoss(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, image: Tensor, target: Tensor, weight: Tensor, comparison: Comparison) -> Tensor:
-        """The sum, a scalar; raises F4xError where memory runs out."""
+        """Return the sum, a scalar; raises F4xError where memory runs out."""
         height, width, channels = image.shape
         stride = channels
         if not image.is_contiguous():
@@ -68,5 +68,5 @@ class NativePictureLoss(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, factor: Tensor) -> Any:
-        """Gradient of the image."""
+        """Return the gradient of the image."""
         return ctx.saved_tensors[0] * factor, None, None, None

@@ -1,4 +1,4 @@
-"""From a clip to a scene: priors, needs, scaffold, spawning, training; an interrupted fit can be resumed."""
+"""Fits a clip: priors, needs, scaffold, spawning, training; an interrupted fit can be resumed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from .people import with_people_of
 from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .tints import tinted_scene
-from .trainer import Trainer
+from .trainer import FitStart, Trainer
 
 CHECKPOINT = Path("checkpoints", "photometric.pt")
 """File in the folder of a fit from which it goes on."""
@@ -88,10 +88,10 @@ class ClipFit:
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time of the stages that are done."""
     whole: bool = True
-    """It is no window of a longer clip: what no frame of it shows is made up (`completed`), and colors change (`tinted_scene`)."""
+    """False for a window of a longer clip. A whole one gets its hidden background (`completed`) and `tinted_scene`."""
 
     def run(self) -> FitResult:
-        """All stages, one after the other."""
+        """Run all stages, one after the other."""
         # Torch's sums depend on its number of threads. They also gain nothing beside those of the raster and collapse when
         # other work wants the cores.
         with torch_threads(1):
@@ -133,21 +133,21 @@ class ClipFit:
         return now
 
     def settings_hash(self) -> str:
-        """Hash of everything but the priors that decides what this fit finds."""
+        """Return the hash of everything but the priors that decides what this fit finds."""
         settings = {name: value for name, value in resolved(self.config).items() if name not in NOT_DECIDING}
         return config_hash(settings, self.clip.digest, self.clip.width, self.clip.height)
 
     def known_depth(self) -> np.ndarray | None:
-        """(F,H,W) depth known from elsewhere, NaN where it is not: a witness of which way round the priors are."""
+        """Return (F,H,W) depth known from elsewhere, NaN where it is not: a witness of which way round the priors are."""
         return None
 
     def make_priors(self) -> Priors:
-        """The priors of the clip."""
+        """Return the priors of the clip."""
         config, known_depth = self.config.priors_in_threads, self.known_depth()
         return build_priors(self.clip, self.folder / "priors", config, self.progress, known_depth)
 
     def start(self, priors: Priors) -> Trainer:
-        """The trainer before its first step."""
+        """Return the trainer before its first step."""
         return start_fit(self.clip, priors, self.config, self.progress)
 
     def finish(self, trainer: Trainer) -> FitResult:
@@ -157,19 +157,19 @@ class ClipFit:
 
 @dataclass(frozen=True, eq=False)
 class KnownGround:
-    """What stands still and is known before a fit: from the window before."""
+    """Static Gaussians that are known before a fit, from the previous window."""
 
     frozen: Splats
-    """Tensors; what of it is drawn and never changes."""
+    """Tensors of those that are drawn and never change."""
     learning: Splats
-    """Tensors; what of it is learnt further, as new Gaussians."""
+    """Tensors of those that are learnt further, as new Gaussians."""
     explained: Explained
-    """Pixels that it shows rightly: they need no new Gaussian."""
+    """Pixels that they show rightly, which need no new Gaussian."""
     next_id: int
     """First id that no Gaussian has."""
 
     def gaussians(self, centre: np.ndarray, first_id: int) -> StaticGaussians:
-        """What learns, seen from about `centre (3,)`, with ids from `first_id` on."""
+        """Return the static Gaussians to learn further, seen from about `centre (3,)`, with ids from `first_id` on."""
         reach = (self.learning.means - torch.from_numpy(centre).float()).norm(dim=1)
         return learnt_before(self.learning, reach, first_id)
 
@@ -181,7 +181,7 @@ def start_fit(
     progress: Progress = silent,
     ground: KnownGround | None = None,
 ) -> Trainer:
-    """Everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of what stands still."""
+    """Return everything before the first step: cameras, scaffold, first Gaussians. `ground`: what is known of the static scene."""
     assert priors.cameras is not None
     config = for_motion(config, moving_fraction(priors), len(priors.frames))
     rig = CameraRig(priors.cameras.resized(clip.width, clip.height))
@@ -190,7 +190,7 @@ def start_fit(
     spawner = Spawner(clip, priors, config, degree, progress)
     explained, first_id = (None, 0) if ground is None else (ground.explained, ground.next_id)
     static = spawner.static(scaffold is not None, explained, first_id)
-    if len(static) == 0 and scaffold is not None and ground is None:  # everything moves: a background from what moves
+    if len(static) == 0 and scaffold is not None and ground is None:  # all moves: a background from the movers
         static = spawner.static(False, explained, first_id)
     if len(static) == 0 and ground is None:
         raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
@@ -204,11 +204,11 @@ def start_fit(
         next_id += len(dynamic)
     frozen = None if ground is None else ground.frozen
     model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.kernels, frozen)
-    return Trainer(model, clip, priors, config, next_id, needs, spawner.rooms)
+    return Trainer(model, clip, priors, config, FitStart(next_id, needs, spawner.rooms))
 
 
 def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need], Priors]:
-    """The scaffold, or None where nothing moves; what decided; the priors with depth that lies on the scaffold."""
+    """Return the scaffold, or None where nothing moves; what decided; the priors with depth that lies on the scaffold."""
     fraction = moving_fraction(priors)
     if fraction >= config.min_moving_fraction:
         start = start_scaffold(priors, config, progress)
@@ -222,7 +222,7 @@ def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tupl
 
 
 def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> FitResult:
-    """The scene that a trainer has learnt, with its provenance. `seconds`: wall time per stage."""
+    """Return the scene that a trainer has learnt, with its provenance. `seconds`: wall time per stage."""
     clip, model = trainer.clip, trainer.model
     needs = [*_picture_need(clip), _colour_need(trainer), *trainer.needs, _gaussian_need(trainer)]
     scene = Scene(
@@ -272,7 +272,7 @@ def _provenance(trainer: Trainer) -> dict[str, Any]:
 
 
 def _believed(priors: Priors) -> float | None:
-    """Degrees off the path within which all of the scene can be believed, to a tenth; None where nothing tells."""
+    """Return the degrees off the path within which all of the scene can be believed, to a tenth; None where nothing tells."""
     evidence = depth_evidence(priors)
     if evidence is None:
         return None
@@ -330,7 +330,7 @@ def _static_set(model: SceneModel) -> StaticSet:
 
 
 def _dynamic_set(model: SceneModel) -> DynamicSet:
-    """The dynamic Gaussians, each at its own reference time."""
+    """Return the dynamic Gaussians, each at its own reference time."""
     own, nodes = model.dynamic, model.nodes
     assert own is not None and nodes is not None
     with torch.no_grad():
@@ -349,7 +349,7 @@ def _dynamic_set(model: SceneModel) -> DynamicSet:
 
 
 def _span(model: SceneModel) -> np.ndarray | None:
-    """(N,4) float32 when the dynamic Gaussians are there; what is whole at an end of the clip stays beyond it, None: all stay."""
+    """Return (N,4) float32: when dynamic Gaussians are there, beyond the clip for those whole at its ends; None: all always are."""
     assert model.dynamic is not None
     with torch.no_grad():
         span = _numpy(model.dynamic.spans(model.born)).astype(np.float32)

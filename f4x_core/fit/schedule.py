@@ -1,4 +1,4 @@
-"""What happens at which step of a fit, and how learning rates fall."""
+"""The actions of a fit with their steps, and the fall of learning rates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .config import FitConfig, Rate
 
 
 class Moment(Enum):
-    """When in a step an action takes place."""
+    """Moments of a step at which actions take place."""
 
     START = "before the frame is drawn"
     OPTIMISED = "after the optimisers' step"
@@ -30,22 +30,22 @@ class Action:
 
 
 def steps_at(fractions: tuple[float, ...], total: int) -> frozenset[int]:
-    """The steps nearest to these fractions of all steps."""
+    """Return the steps nearest to these fractions of all steps."""
     return frozenset(round(fraction * total) for fraction in fractions)
 
 
 def first_step_from(fraction: float, total: int) -> int:
-    """The first step that is at least this fraction of all steps."""
+    """Return the first step that is at least this fraction of all steps."""
     return next((step for step in range(total) if step / total >= fraction), total)
 
 
 def every(period: int, total: int) -> frozenset[int]:
-    """Every `period`-th of `total` steps done, and the last one."""
+    """Return every `period`-th of `total` steps done, and the last one."""
     return frozenset({*range(period, total + 1, period), total}) if period else frozenset({total})
 
 
 def rate_at(rate: Rate | float, fraction: float, config: FitConfig) -> float:
-    """`rate` at this fraction of all steps; a pair decays log-linearly, without the reference's jump."""
+    """Return `rate` at this fraction of all steps; a pair decays log-linearly, without the reference's jump."""
     if not isinstance(rate, tuple):
         return rate
     start = config.rate_decay_start

@@ -25,7 +25,7 @@ from ..errors import F4xError
 Config = TypeVar("Config")
 
 NUMBER = re.compile(r"[0-9.eE+_-]+")
-"""What numbers are written with; `float` would also read words, as `nan` and `infinity`."""
+"""Characters of numbers; `float` would also read words such as `nan` and `infinity`."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,11 @@ class Setting:
     """One field of a configuration."""
 
     name: str
-    """Its name, with those of its groups before it: `losses.ssim`."""
+    """Name, with those of its groups before it: `losses.ssim`."""
     value: Any
-    """Its value in the configuration that was listed."""
+    """Value in the configuration that was listed."""
     annotation: Any
-    """What the dataclass says that it is."""
+    """Type annotation of the field."""
     doc: str
     """The docstring that follows the field, on one line."""
 
@@ -107,7 +107,7 @@ class Setting:
         return not isinstance(self.value, Mapping)
 
     def parse(self, text: str) -> Any:
-        """The value that `text` says; F4xError when it is of another kind."""
+        """Return the value that `text` says; F4xError when it is of another kind."""
         try:
             return _parse(text.strip(), self.annotation, self.limits)
         except ValueError:
@@ -115,12 +115,12 @@ class Setting:
 
 
 def list_settings(config: Any, group: str = "") -> list[Setting]:
-    """Every setting of a configuration (a dataclass), in the order of its classes; `group` is put before the names."""
+    """Return every setting of a configuration (a dataclass), in the order of its classes; `group` is put before the names."""
     return list(_walk(config, group))
 
 
 def set_fields(config: Config, assignments: Sequence[str]) -> Config:
-    """The configuration with fields set as `assignments` say, in their order.
+    """Return the configuration with fields set as `assignments` say, in their order.
 
     Args:
         config: a frozen dataclass of settings; it stays as it is.
@@ -143,7 +143,7 @@ def set_fields(config: Config, assignments: Sequence[str]) -> Config:
 
 
 def as_lines(config: Any) -> str:
-    """All settings for people: `NAME = VALUE  (what it has to be)`, and what it does in the lines below."""
+    """Return all settings for people: `NAME = VALUE  (what it has to be)`, and what it does in the lines below."""
     lines = []
     for setting in list_settings(config):
         lines.append(f"{setting.name} = {setting.text}".rstrip() + f"  ({setting.kind})")
@@ -152,7 +152,7 @@ def as_lines(config: Any) -> str:
 
 
 def field_docs(kind: type) -> dict[str, str]:
-    """Field -> the docstring that follows it in the source of the dataclass `kind`, on one line; others are left out."""
+    """Return field -> the docstring that follows it in the source of the dataclass `kind`, on one line; others are left out."""
     body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0].body  # type: ignore[attr-defined]
     found = {}
     for node, after in pairwise(body):
@@ -173,7 +173,7 @@ def _walk(config: Any, group: str) -> Iterator[Setting]:
 
 
 def _find(settings: Sequence[Setting], name: str) -> Setting:
-    """The setting called `name`; F4xError names the nearest one, or says why this one cannot be set."""
+    """Return the setting called `name`; F4xError names the nearest one, or says why this one cannot be set."""
     found = next((setting for setting in settings if setting.name == name), None)
     if found is None:
         inside = next((setting.name for setting in settings if setting.name.startswith(f"{name}.")), None)
@@ -187,13 +187,13 @@ def _find(settings: Sequence[Setting], name: str) -> Setting:
 
 
 def _similarity(given: str, known: str) -> float:
-    """How alike two names are, 0..1; a name that was given without its groups is compared with the last parts alone."""
+    """Return the similarity of two names, 0..1; a name given without its groups is compared with the last parts alone."""
     parts = known.split(".")[-1 - given.count(".") :]
     return SequenceMatcher(None, given, ".".join(parts)).ratio()
 
 
 def _with_values(config: Any, values: Mapping[str, Any]) -> Any:
-    """`config` with fields set, all at once: a dataclass may check some of them against each other."""
+    """Return `config` with fields set, all at once: a dataclass may check some of them against each other."""
     changed: dict[str, Any] = {}
     groups: dict[str, dict[str, Any]] = {}
     for name, value in values.items():

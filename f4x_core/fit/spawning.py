@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from torch import Tensor
 from ..clip import Clip
 from ..gaussians import DynamicGaussians, SpawnConfig, Spawned, StaticGaussians, spawn_dynamic, spawn_static
 from ..gaussians.parameters import WHOLE
-from ..gaussians.spawn import Room, coarse_to_fine, cover, spawn_that_fits
+from ..gaussians.spawn import DepthImage, Room, coarse_to_fine, cover, spawn_that_fits
 from ..geometry.arrays import evenly_spaced
 from ..priors import Priors
 from ..priors.sizes import DepthMap, LargeMaps
@@ -38,13 +38,13 @@ Explained = Mapping[int, np.ndarray]
 
 
 def spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
-    """Indices into F of the frames from which the static set is spawned."""
+    """Return the indices into F of the frames from which the static set is spawned."""
     count = min(config.spawn_static.frames, len(priors.frames))
     return evenly_spaced(len(priors.frames), count)
 
 
 def first_lifetimes(times: np.ndarray, reference: np.ndarray, carried: np.ndarray) -> Tensor:
-    """(N,2) logarithms of lifetimes, to be learnt: whole while `carried (F,N)` bool lasts around the `reference (N,)` frame.
+    """Return (N,2) logarithms of lifetimes, to be learnt: whole while `carried (F,N)` bool lasts around the `reference (N,)` frame.
 
     Where that is to the clip's end, they end beyond it and begin to fade in it: only ramps have gradients. `times (F,)`: those
     of the frames.
@@ -71,7 +71,7 @@ class Spawner:
     degree: int
     progress: Progress
     rooms: dict[str, Room] = field(default_factory=dict, init=False)
-    """What each set that was spawned asked for, and what it was allowed."""
+    """Set -> Gaussians that it asked for and Gaussians that it was allowed."""
 
     @property
     def maps(self) -> LargeMaps:
@@ -163,29 +163,28 @@ class Spawner:
         if priors.depth_confidence is not None:
             sure = np.maximum(seen.confidence.astype(np.float32), 0.01)
             tolerance = np.clip(2 * np.sqrt((1 - sure) / sure) * SURE_DEPTH, spawn.depth_tolerance, LOOSEST_DEPTH)
-        return cover(image, seen.depth, valid, camera, existing, spawn, rng, tolerance)
+        view = DepthImage(image, seen.depth, valid, camera, tolerance)
+        return cover(view, existing, spawn, rng)
 
     def _carried(
         self, model: SceneModel, spawned: Spawned, frame: int, spawn: SpawnConfig, first_id: int
     ) -> DynamicGaussians:
-        """Gaussians that were spawned in supervised frame `frame`, attached to the model's nodes."""
+        """Return the Gaussians that were spawned in supervised frame `frame`, attached to the model's nodes."""
         assert model.nodes is not None
-        xyz, quat = model.nodes.parameters["node_xyz"].detach(), model.nodes.quat.detach()
-        reference, neighbours = np.full(len(spawned), frame), model.nodes.neighbours.shape[1]
-        return spawn_dynamic(spawned, reference, xyz, quat, neighbours, self.degree, spawn, first_id)
+        reference = np.full(len(spawned), frame)
+        return spawn_dynamic(spawned, reference, model.nodes.snapshot(), self.degree, spawn, first_id)
 
     def _moved(self, model: SceneModel, dynamic: DynamicGaussians | None, frame: int) -> np.ndarray:
-        """(N,3) places of the dynamic Gaussians so far at supervised frame `frame`."""
+        """Return (N,3) places of the dynamic Gaussians so far at supervised frame `frame`."""
         if dynamic is None or not len(dynamic):
             return np.zeros((0, 3), np.float32)
         with torch.no_grad():
-            whole = SceneModel(model.static, dynamic, model.nodes, model.rig, model.kernel, model.kernels)
-            places = whole.dynamic_at(float(model.times[frame]))[0].means.numpy()
+            places = replace(model, dynamic=dynamic).dynamic_at(float(model.times[frame]))[0].means.numpy()
         if not self.config.rates.lifetimes:
             return places
         return places[self._seen_at(model, dynamic, frame)]
 
     def _seen_at(self, model: SceneModel, dynamic: DynamicGaussians, frame: int) -> np.ndarray:
-        """(N,) bool: the nodes of a Gaussian are seen in the supervised frame `frame`."""
+        """Return (N,) bool: the nodes of a Gaussian are seen in the supervised frame `frame`."""
         assert model.nodes is not None
         return model.nodes.scaffold.certain[frame][model.nodes.neighbours[dynamic.labels["attach"]]].mean(1) >= CARRIED

@@ -26,7 +26,7 @@ DEPTH_NODES = 4
 
 
 def moving_tracks(priors: Priors) -> np.ndarray:
-    """Indices of the tracks whose visible samples mostly lie in the moving mask."""
+    """Return the indices of the tracks whose visible samples mostly lie in the moving mask."""
     assert priors.tracks is not None
     assert priors.tracks_visible is not None
     assert priors.mask is not None
@@ -49,11 +49,11 @@ class Start:
     """None when no moving track can be lifted."""
     needs: list[Need]
     priors: Priors
-    """With depth that lies on the scaffold (`carried_depth`)."""
+    """Priors with depth that lies on the scaffold (`carried_depth`)."""
 
 
 def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Start:
-    """Build and optimise the scaffold, and take the depth of what moves along."""
+    """Build and optimise the scaffold, and take the depth of moving objects along."""
     assert priors.tracks is not None
     assert priors.tracks_visible is not None
     assert priors.cameras is not None
@@ -97,7 +97,7 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
 
 
 def carried_depth(priors: Priors, before: Scaffold, after: Scaffold) -> np.ndarray:
-    """Depth `(F, H, W)` in which what moves follows its nodes along the view, from `before` to `after` their optimisation.
+    """Return depth `(F, H, W)` in which moving pixels follow their nodes along the view, from `before` to `after` the optimisation.
 
     Gaussians are spawned at the depth of the priors and carried by nodes, so both must lie on one surface. A pixel takes
     the mean of the logarithmic changes of its nearest certain nodes, weighed by 1 / squared distance.
@@ -126,7 +126,7 @@ def carried_depth(priors: Priors, before: Scaffold, after: Scaffold) -> np.ndarr
 
 
 def _sightlines(scaffold: Scaffold, priors: Priors, tracks: np.ndarray) -> Sightlines | None:
-    """How the nodes were seen, each by its one of the `tracks (M,)`; None where nothing is known of the depth's errors."""
+    """Return the viewing rays of the nodes, each through its one of the `tracks (M,)`; None where depth has no confidence."""
     if priors.depth_confidence is None:
         return None
     assert priors.cameras is not None

@@ -4,7 +4,7 @@ The background of a fit stands still and has one color for all of the clip, so i
 frames share (correlation .4 to .9 from one frame to the next on seven real clips) and distant ones do not (0 eight frames later).
 With the geometry fixed, a picture is linear in the colors: each knot's tints are the least squares solution for its frame, by
 conjugate gradients with the weights of each Gaussian as preconditioner. They are kept if they predict the frames between them.
-What stands still learns nothing where something moves before it, else the mover's errors would stay behind when it is taken out.
+The static scene learns nothing where something moves before it, else the mover's errors would stay behind when it is taken out.
 """
 
 from __future__ import annotations
@@ -37,16 +37,17 @@ class TintConfig:
     megabytes: float = 48.0
     """Most that they may take. Where they would take more, every second used frame is such a moment, or every third."""
     iterations: int = 4
-    """Of conjugate gradients. A fifth brings at most .03 dB to frames between the moments, twelve but 2 dB to those at them."""
+    """Iterations of conjugate gradients. A fifth brings at most .03 dB to frames between the moments, twelve 2 dB to those at them
+    alone."""
     damping: float = 0.05
     """Squared weight, in pixels, below which a Gaussian's color hardly follows. Four times as much loses .1 to .4 dB."""
 
 
 SHOWS = 0.5
 """Alpha of the dynamic Gaussians from which a pixel is theirs. At .02 an audience of which a little moves stays blurred: breakdance
-loses .5 dB; the masks hold what moves as a whole."""
+loses .5 dB; the masks hold moving objects as a whole."""
 AROUND = 0.008
-"""Widths of the picture by which the pixels of what moves are widened: outlines err by two pixels of 480 (J .8 to .9)."""
+"""Widths of the picture by which the pixels of moving objects are widened: outlines err by two pixels of 480 (J .8 to .9)."""
 SOFTENED = 0.1
 """Pixels added to each Gaussian's summed weight in the preconditioner, for those that hardly show."""
 PIXELS_AT_ONCE = 4e6
@@ -86,7 +87,7 @@ class Tinting:
     ) -> None:
         """Solve for the knots in `clip`, whose first frame is frame `first` of the scene.
 
-        `masks`: frame of `clip` -> (H,W) bool of what moves there, in addition to the dynamic Gaussians.
+        `masks`: frame of `clip` -> (H,W) bool of moving objects there, in addition to the dynamic Gaussians.
         """
         inside = (self.knots >= first) & (self.knots < first + len(clip))
         rows = np.flatnonzero(inside)
@@ -104,7 +105,7 @@ class Tinting:
             in_threads(solve, rows.tolist(), lambda done: progress("colors over time", done, len(rows)))
 
     def finish(self) -> Scene:
-        """The scene with its tints, if they pay, and with what decided among its needs."""
+        """Return the scene with its tints, if they pay, and with what decided among its needs."""
         if not len(self.judged) or not self.targets:
             return self.scene
         gain = float(np.mean([self._gain(row) for row in self.judged if row in self.targets]))
@@ -120,7 +121,7 @@ class Tinting:
         return with_tints(scene, scene.cameras.times[self.knots], self.values) if pays else scene
 
     def _view(self, frame: int, seen: np.ndarray | None, mask: np.ndarray | None = None) -> tuple[_View, np.ndarray]:
-        """A frame of the clip as it is seen, and its picture (H,W,3) without tints."""
+        """Return a frame of the clip as it is seen, and its picture (H,W,3) without tints."""
         scene, camera, time = self.scene, self.scene.cameras[frame], float(self.scene.cameras.times[frame])
         posed = scene.posed(time)
         moves = posed.dynamic[:, None].astype(np.float32)
@@ -135,7 +136,7 @@ class Tinting:
         return _View(weights, moves, counts, counts * ~moving[..., None]), drawn[..., :3]
 
     def _gain(self, row: int) -> float:
-        """PSNR (dB) that the tints of the knots before and after bring to that of `row`."""
+        """Return the PSNR (dB) that the tints of the knots before and after bring to that of `row`."""
         frame, (target, seen) = int(self.knots[row]), self.targets[row]
         view, picture = self._view(frame, seen)
         times = self.scene.cameras.times[self.knots[row - 1 : row + 2]]
@@ -151,7 +152,7 @@ class _View:
     """One frame as a linear map from the tints of N Gaussians: those that stand still count where nothing moves alone."""
 
     weights: BlendWeights
-    """With six channels where some Gaussians are dynamic, else with three."""
+    """Blend weights of a frame: six channels where some Gaussians are dynamic, else three."""
     moves: np.ndarray
     """(N,1) float32 1 for dynamic Gaussians."""
     counts: np.ndarray
@@ -160,21 +161,21 @@ class _View:
     """(H,W,1) float32 1 where in addition nothing moves."""
 
     def picture(self, tint: np.ndarray) -> np.ndarray:
-        """(H,W,3): what `tint (N,3)` adds to the picture."""
+        """Return (H,W,3): what `tint (N,3)` adds to the picture."""
         if not self.moves.any():
             return self.counts * self.weights.picture(tint)
         both = self.weights.picture(np.concatenate([tint, tint * self.moves], 1))
         return self.still * both[..., :3] + (self.counts - self.still) * both[..., 3:]
 
     def sums(self, picture: np.ndarray) -> np.ndarray:
-        """(N,3): the transpose of `picture`, applied to (H,W,3)."""
+        """Return (N,3): the transpose of `picture`, applied to (H,W,3)."""
         if not self.moves.any():
             return self.weights.sums(self.counts * picture)
         both = self.weights.sums(np.concatenate([self.still * picture, self.counts * picture], -1))
         return np.where(self.moves > 0, both[:, 3:], both[:, :3])
 
     def solved(self, left: np.ndarray, config: TintConfig) -> np.ndarray:
-        """(N,3) float32 tints that make up for `left (H,W,3)`, by preconditioned conjugate gradients on the normal equations."""
+        """Return (N,3) float32 tints for `left (H,W,3)`, by preconditioned conjugate gradients on the normal equations."""
         left = self.counts * left
         precondition = 1 / (np.maximum(self.sums(np.ones_like(left)), 0) + np.float32(SOFTENED))
         damping = np.float32(config.damping)
@@ -205,9 +206,9 @@ def tinted_scene(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Scene:
-    """The fitted, unedited scene with colors over time, if the frames of its whole clip ask for them.
+    """Return the fitted, unedited scene with colors over time, if the frames of its whole clip ask for them.
 
-    `masks`: clip frame -> (H,W) bool of what moves, in addition to the dynamic Gaussians.
+    `masks`: clip frame -> (H,W) bool of moving objects, in addition to the dynamic Gaussians.
     """
     if not config.enabled:
         return scene
@@ -222,12 +223,12 @@ def _frame(clip: Clip, index: int) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> float:
-    """Sum of products in float64; numpy's pairwise sums do not depend on threads, a BLAS may."""
+    """Return the sum of products in float64; numpy's pairwise sums do not depend on threads, a BLAS may."""
     return float(np.multiply(a, b).sum(dtype=np.float64))
 
 
 def _error(picture: np.ndarray, target: np.ndarray, seen: np.ndarray | None) -> float:
-    """Mean square of what the screen shows, at least `MIN_ERROR`."""
+    """Return the mean square of what the screen shows, at least `MIN_ERROR`."""
     left = np.clip(picture, 0, 1) - target
     left = left if seen is None else left * seen[..., None]
     return max(float(np.square(left).mean(dtype=np.float64)), MIN_ERROR)

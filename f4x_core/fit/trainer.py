@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,18 @@ MEASURED_FRAMES = 4
 """Frames rendered for one point of the quality curve."""
 
 
+@dataclass(frozen=True)
+class FitStart:
+    """Decisions made before the first step."""
+
+    next_id: int
+    """First Gaussian id not yet used."""
+    needs: Sequence[Need] = ()
+    """Decisions about the kind of scene, with their reasons."""
+    rooms: Mapping[str, Room] = field(default_factory=dict)
+    """Set -> how many Gaussians the clip asked for and how many were allowed."""
+
+
 class Trainer:
     """Optimises a model against a clip and its priors; it can stop after any step and go on bit-equal.
 
@@ -55,24 +67,10 @@ class Trainer:
     happens besides, with its steps.
     """
 
-    def __init__(
-        self,
-        model: SceneModel,
-        clip: Clip,
-        priors: Priors,
-        config: FitConfig,
-        next_id: int,
-        needs: Sequence[Need] = (),
-        rooms: Mapping[str, Room] | None = None,
-    ):
-        """Set up data, losses, optimisers and actions for `config.steps` steps.
-
-        Args:
-            next_id: first Gaussian id not yet used. needs: what was decided before the first step. rooms: by set, what the
-                clip asked for at the start and what was allowed.
-        """
-        self.model, self.clip, self.priors, self.config, self.next_id = model, clip, priors, config, next_id
-        self.needs = list(needs)
+    def __init__(self, model: SceneModel, clip: Clip, priors: Priors, config: FitConfig, start: FitStart):
+        """Set up data, losses, optimisers and actions for `config.steps` steps."""
+        self.model, self.clip, self.priors, self.config = model, clip, priors, config
+        self.next_id, self.needs, self.rooms = start.next_id, list(start.needs), dict(start.rooms)
         self.levels = [FrameData.full(clip, priors)]
         if config.coarse > 0:
             self.levels.append(self.levels[0].halved())
@@ -85,15 +83,14 @@ class Trainer:
         self.step = 0
         """Steps done."""
         self.loss = math.nan
-        """Of the last step."""
+        """Loss of the last step."""
         self.history: list[dict[str, float]] = []
         """The quality curve."""
         self.band_gains: list[float] = []
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
-        self.rooms = dict(rooms or {})
         self.averages = RunningMeans()
-        """Of what moves, over the last steps."""
+        """Means of the dynamic parameters over the last steps."""
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:
@@ -111,7 +108,7 @@ class Trainer:
         self.actions = self._schedule()
 
     def _schedule(self) -> list[Action]:
-        """All that happens beside the gradient steps, in the order in which it happens."""
+        """Return all that happens beside the gradient steps, in the order in which it happens."""
         config, total = self.config, self.config.steps
         start, optimised, done = Moment.START, Moment.OPTIMISED, Moment.DONE
         actions = [Action("learning rates", start, range(total), self._set_rates)]
@@ -161,7 +158,7 @@ class Trainer:
             raise
 
     def _summary(self) -> str:
-        """The quality when it was last measured."""
+        """Return the quality when it was last measured."""
         if not self.history:
             return ""
         return f"{self.history[-1]['psnr']:.1f} dB, {int(self.history[-1]['gaussians']):,} Gaussians"
@@ -197,11 +194,11 @@ class Trainer:
         return self.step / self.config.steps
 
     def _drawn_count(self) -> int:
-        """Gaussians in a picture."""
+        """Return the number of Gaussians in a picture."""
         return len(self.model) + (0 if self.model.frozen is None else len(self.model.frozen))
 
     def _next_frame(self) -> int:
-        """Each supervised frame once, in random order, then again."""
+        """Return the next frame: each supervised one once, in random order, then again."""
         if not self.order:
             self.order = torch.randperm(len(self.model.times), generator=self.generator).tolist()
         return self.order.pop()
@@ -209,7 +206,7 @@ class Trainer:
     def render(
         self, frame: int, data: FrameData, background: Tensor | None = None, offset: Tensor | None = None
     ) -> Rendered:
-        """Supervised frame `frame` at the size of `data`, with all channels that the losses of the present step ask for.
+        """Return supervised frame `frame` at the size of `data`, with all channels that the losses of the present step ask for.
 
         `background`: (3,) rgb. `offset`: (N,2) pixels by which the projected means are moved.
         """
@@ -245,7 +242,7 @@ class Trainer:
             self.controls[name].record(offset.grad[rows], rendered.output.visible[rows], *size)
 
     def _rates(self, name: str) -> dict[str, float]:
-        """Learning rates of the tensors of the set called `name` at the present step."""
+        """Return the learning rates of the tensors of the set called `name` at the present step."""
         tensors = dict(self.model.sets())[name].parameters
         return {t: rate_at(self.config.rates.of(name, t), self.fraction, self.config) for t in tensors}
 
@@ -264,12 +261,12 @@ class Trainer:
         self.model.nodes = NodeSet(with_graph(nodes.snapshot(), nodes.graph), nodes.graph, nodes.parameters)
 
     def _learn_offsets(self) -> None:
-        """From here on the graph is frozen, because the offsets belong to its edges."""
+        """Learn the offsets of skinning weights; the graph is frozen from here on, because they belong to its edges."""
         assert self.model.dynamic is not None
         self.model.dynamic.use_dw = True
 
     def _consider_harmonics(self) -> None:
-        """See whether one more degree of harmonics pays, and add it; one that is set by hand is added anyway."""
+        """Add one more degree of harmonics if it pays; one that is set by hand is added anyway."""
         config, degree = self.config, degree_of(self.model.static.sh.shape[1])
         allowed = config.max_sh_degree if config.sh_degree is None else config.sh_degree
         if degree >= min(allowed, len(config.harmonics_at)):
@@ -293,7 +290,7 @@ class Trainer:
         drop_nodes(self.model, self.shared, self.config.nodes)
 
     def _average(self) -> None:
-        """Count what moves as it is now; after the last step, take its mean over the steps counted."""
+        """Add the dynamic parameters to their running means; after the last step, put the means in their place."""
         assert self.model.dynamic is not None and self.model.nodes is not None
         moving = {**self.model.dynamic.parameters, **self.model.nodes.parameters}
         self.averages.add(moving)
@@ -312,7 +309,7 @@ class Trainer:
         self.history.append({**point, "gaussians": float(len(self.model))})
 
     def picture(self, frame: int) -> Tensor:
-        """(H,W,3) the model's picture of supervised frame `frame`, clamped to [0,1]."""
+        """Return (H,W,3) the model's picture of supervised frame `frame`, clamped to [0,1]."""
         model, data = self.model, self.levels[0]
         with torch.no_grad():
             moved = model.dynamic_at(float(model.times[frame]))[0] if model.dynamic is not None else None
@@ -321,7 +318,7 @@ class Trainer:
         return out.channels[..., :3].clamp(0, 1)
 
     def state(self, settings_hash: str) -> dict[str, Any]:
-        """Everything that the next step depends on, as tensors and plain values."""
+        """Return everything that the next step depends on, as tensors and plain values."""
         model = self.model
         state: dict[str, Any] = {
             "config_hash": settings_hash,

@@ -50,7 +50,7 @@ EVERYDAY = (
     *("screen", "telephone", "keyboard", "bottle", "cup", "bowl", "plate", "food", "fruit", "bread", "bag", "box"),
     *("clothes", "shirt", "trousers", "shoe", "hat", "ball", "toy", "tool", "sign", "light", "shadow"),
 )
-"""What clips of everyday life show; 80 words of 384 numbers take 60 kB."""
+"""Words for things in everyday clips; 80 words of 384 numbers take 60 kB."""
 
 
 def with_vocabulary(
@@ -59,7 +59,7 @@ def with_vocabulary(
     load: Callable[[str], TextEncoder] = load_text_encoder,
     encoders: Iterable[str] | None = None,
 ) -> Scene:
-    """The scene with `labels` in the vocabulary of `encoders`, by default all that its heads name; words it had stay.
+    """Return the scene with `labels` in the vocabulary of `encoders`, by default all that its heads name; words it had stay.
 
     Raises F4xError: no label, a scene without a head that understands words, an encoder that is not installed.
     """

@@ -23,7 +23,7 @@ class NativeAppearance(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor, threads: int) -> Tensor:
-        """Colours (N,3)."""
+        """Return the colours (N,3)."""
         sh, means, quats = (tensor.contiguous() for tensor in (sh, means, quats))
         colors = torch.empty_like(means)
         ctx.save_for_backward(sh, means, quats, centre)
@@ -34,7 +34,7 @@ class NativeAppearance(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, sent: Tensor) -> Any:
-        """Gradients of sh, means and quats."""
+        """Return the gradients of sh, means and quats."""
         sh, means, quats, centre = ctx.saved_tensors
         d_sh, d_means, d_quats = (torch.empty_like(tensor) for tensor in (sh, means, quats))
         arrays = {"sent": sent.contiguous(), "means": means, "quats": quats, "d_means": d_means, "d_quats": d_quats}
@@ -80,11 +80,11 @@ class Drawing:
     """Arguments of `NativeDrawing` that have no gradient."""
 
     centre: tuple[float, float, float]
-    """Of the camera."""
+    """Centre of the camera."""
     channels: int
     """3 colours; 4 with the mark of what is dynamic; 7 with positions."""
     time: float
-    """That is drawn, in clip frames."""
+    """Time that is drawn, in clip frames."""
     born: Tensor | None
     """(N,) clip time at which each Gaussian of the set with lifetimes has its reference."""
     whole: float
@@ -96,7 +96,7 @@ class Drawing:
     threads: int
 
     def problem_of(self, own: DrawnSet) -> dict[str, Any]:
-        """The fields of `APPEARANCE` that both passes read."""
+        """Return the fields of `APPEARANCE` that both passes read."""
         dynamic = own.log_lifetimes is not None
         fixed = {"mark": float(dynamic), "time": self.time, "whole": self.whole, "margin": self.margin}
         arrays = {"means": own.means, "quats": own.quats, "log_scales": own.log_scales, "logits": own.opacity_logits}
@@ -112,7 +112,7 @@ class NativeDrawing(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, drawing: Drawing, *tensors: Tensor | None) -> Any:
-        """The tensors of a `Drawn`."""
+        """Return the tensors of a `Drawn`."""
         sets = _sets_of(tensors)
         frozen = drawing.frozen
         lengths = [len(own.means) for own in sets] + ([] if frozen is None else [len(frozen[0].means)])
@@ -143,7 +143,7 @@ class NativeDrawing(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, *sent: Tensor) -> Any:
-        """Gradients of the tensors of every set."""
+        """Return the gradients of the tensors of every set."""
         sets, drawing = _sets_of(ctx.saved_tensors), ctx.drawing
         sent = Drawn(*(gradient.contiguous() for gradient in sent))
         got: list[Tensor | None] = []
@@ -167,12 +167,12 @@ def _sets_of(tensors: Sequence[Tensor | None]) -> list[DrawnSet]:
 
 
 def _slices(lengths: Sequence[int]) -> list[slice]:
-    """The rows of each part of so many rows."""
+    """Return the rows of each part of so many rows."""
     return [slice(end - length, end) for end, length in zip(accumulate(lengths), lengths, strict=True)]
 
 
 def _split(sh: Tensor) -> tuple[Tensor, Tensor]:
-    """The first coefficients (N,3) of harmonics (N,S,3), and the others (N,S-1,3)."""
+    """Return the first coefficients (N,3) of harmonics (N,S,3), and the others (N,S-1,3)."""
     return sh[:, 0], sh[:, 1:]
 
 

@@ -27,7 +27,7 @@ class CorrectedView(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, rotations: Tensor, positions: Tensor, base: Tensor, frame: int) -> Tensor:
-        """The corrected matrix, in the precision of `base`."""
+        """Return the corrected matrix, in the precision of `base`."""
         vector, before = rotations[frame].tolist(), base[frame, :3].numpy().astype(float)  # (3,), (3,4)
         turned = _turn(vector) @ before
         after = base[frame].numpy().copy()
@@ -39,7 +39,7 @@ class CorrectedView(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, sent: Tensor) -> Any:
-        """Gradients of the rotation vectors and the positions: zero but for the frame's."""
+        """Return the gradients of the rotation vectors and the positions: zero but for the frame's."""
         slope = sent.numpy()[:3].astype(float)
         # A small rotation w after the present one changes the loss by the sum of a * [w].
         (_, a01, a02), (a10, _, a12), (a20, a21, _) = (slope @ ctx.turned.T).tolist()
@@ -58,7 +58,7 @@ class CorrectedView(torch.autograd.Function):
 
 
 def _turn(vector: Sequence[float]) -> np.ndarray:
-    """(3,3) the rotation by a rotation vector (Rodrigues)."""
+    """Return (3,3) the rotation by a rotation vector (Rodrigues)."""
     x, y, z = vector
     angle = math.hypot(x, y, z)
     small = angle < SMALL_ANGLE
@@ -77,7 +77,7 @@ class CameraSmoothness(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, *parts: Tensor) -> Tensor:
-        """Sum of the means of all `parts`, a scalar."""
+        """Return the sum of the means of all `parts`, a scalar."""
         rows = [part.numpy() for part in parts]
         bends = [own[2:] - 2 * own[1:-1] + own[:-2] for own in rows]
         ctx.bends = bends
@@ -86,7 +86,7 @@ class CameraSmoothness(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, factor: Tensor) -> Any:
-        """Gradients of the rows."""
+        """Return the gradients of the rows."""
         gradients = []
         for bend in ctx.bends:
             slope, gradient = (
@@ -120,29 +120,29 @@ class CameraRig:
         }
 
     def view(self, frame: int) -> Tensor:
-        """(4,4) world_to_camera of supervised frame `frame`, float32, differentiable."""
+        """Return (4,4) world_to_camera of supervised frame `frame`, float32, differentiable."""
         own = (self.parameters[name] for name in ("camera_rotation", "camera_position"))
         return CorrectedView.apply(*own, self.base, frame)
 
     def intrinsics(self, frame: int, width: int, height: int) -> Tensor:
-        """(3,3) intrinsics in pixels of the frame resampled to width x height."""
+        """Return (3,3) intrinsics in pixels of the frame resampled to width x height."""
         if (width, height) not in self._resampled:
             ratio = self.base.new_tensor([[width / self.path.width], [height / self.path.height], [1.0]])
             self._resampled[width, height] = self.base_intrinsics * ratio
         return self._resampled[width, height][frame]
 
     def camera(self, frame: int, width: int, height: int) -> Camera:
-        """The camera of supervised frame `frame` for images of width x height; its pose is differentiable."""
+        """Return the camera of supervised frame `frame` for images of width x height; its pose is differentiable."""
         return Camera(self.intrinsics(frame, width, height), self.view(frame), width, height)
 
     def smoothness(self) -> Tensor:
-        """Mean squared second difference of the corrections, in radians (positions: world units at depth 1)."""
+        """Return the mean squared second difference of the corrections, in radians (positions: world units at depth 1)."""
         if len(self.path) < 3:
             return self.base.new_zeros(())
         return CameraSmoothness.apply(self.parameters["camera_rotation"], self.parameters["camera_position"])
 
     def refined(self) -> CameraPath:
-        """The path with its corrections folded in."""
+        """Return the path with its corrections folded in."""
         with torch.no_grad():
             matrices = torch.stack([self.view(i) for i in range(len(self.path))]).double().numpy()
         # float32 rotations are not orthonormal to float64 precision; the nearest rotation is.

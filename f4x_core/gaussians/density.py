@@ -21,7 +21,7 @@ keep the parent's opacity, half of `quick` gains .1 dB of dog's held-out frames 
 
 @dataclass(frozen=True)
 class DensityConfig:
-    """When and how the number of Gaussians of one set changes."""
+    """Settings of density control: the times and rules by which the number of Gaussians of one set changes."""
 
     every: int = 300
     """Steps between two rounds of densification and pruning."""

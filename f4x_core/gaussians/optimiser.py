@@ -40,7 +40,7 @@ class SetOptimiser:
         self.adam.step({self.place: reach}, {"log_scales": self._cap_of(reach)})
 
     def _cap_of(self, reach: Tensor) -> Tensor:
-        """(N,) logarithms of the largest standard deviations."""
+        """Return (N,) logarithms of the largest standard deviations."""
         if self._caps is None or self._caps[0] is not reach:  # rows were added or removed
             self._caps = reach, (self.max_scale * reach).log()
         return self._caps[1]

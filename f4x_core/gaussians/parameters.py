@@ -64,7 +64,7 @@ class GaussianSet:
         return type(self)({n: p.requires_grad_(True) for n, p in parameters.items()}, labels)
 
     def splats(self, means: Tensor, quats: Tensor) -> Splats:
-        """The Gaussians, activated, at `means` (N,3) and `quats` (N,4) in the world."""
+        """Return the Gaussians, activated, at `means` (N,3) and `quats` (N,4) in the world."""
         return Splats(means, quats, self.scales, self.opacities, self.sh)
 
 
@@ -90,22 +90,22 @@ class DynamicGaussians(GaussianSet):
     use_dw: bool = field(default=False)
 
     def presence(self, away: Tensor) -> Tensor:
-        """(N,) in [0, 1]: how much of each Gaussian is there `away` (N,) clip frames after its reference time."""
+        """Return (N,) in [0, 1]: how much of each Gaussian is there `away` (N,) clip frames after its reference time."""
         before, after = self.parameters["log_lifetimes"].exp().unbind(1)
         return ((1 - away.abs() / torch.where(away < 0, before, after)) / (1 - WHOLE)).clamp(0, 1)
 
     def spans(self, born: Tensor) -> Tensor:
-        """(N,4) clip times between which each Gaussian comes, and goes, as scenes have them; `born` (N,): its reference time."""
+        """Return (N,4) clip times between which Gaussians come, and go, as scenes have them; `born` (N,): reference times."""
         before, after = self.parameters["log_lifetimes"].exp().unbind(1)
         return born[:, None] + torch.stack([-before, -WHOLE * before, WHOLE * after, after], 1)
 
     def splats_there(self, means: Tensor, quats: Tensor, away: Tensor) -> Splats:
-        """The Gaussians as `splats` has them, faded as scenes fade them: optical depth, not opacity."""
+        """Return the Gaussians as `splats` has them, faded as scenes fade them: optical depth, not opacity."""
         depth = -torch.log1p(-self.opacities.clamp(max=1 - OPACITY_MARGIN))
         return Splats(means, quats, self.scales, -torch.expm1(-self.presence(away) * depth), self.sh)
 
     def at_reference(self, node_xyz: Tensor, node_quat: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions (N,3) and orientations (N,4) in the world at each Gaussian's own reference time.
+        """Return the positions (N,3) and orientations (N,4) in the world at each Gaussian's own reference time.
 
         Args:
             node_xyz: (F,M,3) node positions. node_quat: (F,M,4) unit quaternions wxyz.
@@ -121,14 +121,14 @@ class DynamicGaussians(GaussianSet):
 def localise(
     x: Tensor, q: Tensor, attach: Tensor, reference: Tensor, node_xyz: Tensor, node_quat: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Inverse of `DynamicGaussians.at_reference`: world placement (N,3), (N,4) -> local frame of the attach node."""
+    """Return the inverse of `DynamicGaussians.at_reference`: world placement (N,3), (N,4) -> local frame of the attach node."""
     node_q, node_t = node_quat[reference, attach], node_xyz[reference, attach]
     inverse = quaternion.conjugate(node_q)
     return quaternion.rotate(inverse, x - node_t), quaternion.multiply(inverse, q)
 
 
 def appearance(sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor, kernels: Kernels = TORCH) -> Tensor:
-    """Colours (N,3) seen from a camera centre (3,): SH evaluated along the view direction in the Gaussian's own frame.
+    """Return the colours (N,3) seen from a camera centre (3,): SH evaluated along the view direction in the Gaussian's own frame.
 
     `quats` (N,4) may have any length. The compiled library does it where `kernels` say so (float32 on the CPU, degree 3 at
     most; higher degrees stay in torch); the centre then has no gradient.
@@ -141,5 +141,5 @@ def appearance(sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor, kernels
 
 
 def opacity_logit(opacity: Tensor) -> Tensor:
-    """Inverse sigmoid with a margin that keeps it finite."""
+    """Return the inverse sigmoid with a margin that keeps it finite."""
     return torch.logit(opacity, eps=OPACITY_MARGIN)

@@ -1,4 +1,4 @@
-"""Where Gaussians start: back-projected pixels that nothing covers yet.
+"""Places the first Gaussians: back-projected pixels that nothing covers yet.
 
 Frames are visited coarse to fine in time. In each, the Gaussians that exist already are projected into a grid of cells;
 every valid cell without one at about its own depth gets a new Gaussian, blocks of cells that show nothing (a wall, the sky)
@@ -22,6 +22,7 @@ from ..geometry.camera import Camera
 from ..geometry.spherical_harmonics import dc_from_rgb
 from ..geometry.splats import Splats
 from ..scaffold.graph import attach_nodes
+from ..scaffold.structure import Scaffold
 from .parameters import DynamicGaussians, StaticGaussians, localise, opacity_logit
 
 # An empty cell with this many Gaussians in the 3 x 3 cells around it is covered by their extent.
@@ -40,7 +41,7 @@ Made = TypeVar("Made", bound=Sized)
 
 @dataclass(frozen=True)
 class SpawnConfig:
-    """How densely Gaussians are placed at the start."""
+    """Settings of the density of Gaussians at the start."""
 
     spacing: float = 2.0
     """Side of a grid cell in pixels of the fitted image: one Gaussian per uncovered cell."""
@@ -64,14 +65,14 @@ class Spawned:
     rgb: np.ndarray
     radius: np.ndarray
     depth: np.ndarray
-    """How far the camera was away: what a pixel is worth there."""
+    """Distance along the camera's axis, which tells the size of a pixel there."""
 
     def __len__(self) -> int:
         return len(self.means)
 
     @classmethod
     def joined(cls, parts: Sequence[Spawned]) -> Spawned:
-        """All of `parts`, in order."""
+        """Return all of `parts`, in order."""
         if not parts:
             return cls(*(np.zeros(shape, np.float32) for shape in ((0, 3), (0, 3), (0,), (0,))))
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
@@ -79,10 +80,10 @@ class Spawned:
 
 @dataclass(frozen=True)
 class Room:
-    """How many Gaussians a clip asks for at the start of a set, and how many are allowed there."""
+    """Number of Gaussians that a clip asks for at the start of a set, and number allowed there."""
 
     asked: int
-    """With the spacing that the settings name."""
+    """Gaussians with the spacing that the settings name."""
     allowed: int
     """`SpawnConfig.max_count`."""
 
@@ -129,32 +130,36 @@ def coarse_to_fine(count: int) -> Iterator[int]:
         step //= 2
 
 
-def cover(
-    image: np.ndarray,
-    depth: np.ndarray,
-    valid: np.ndarray,
-    camera: Camera,
-    existing: np.ndarray,
-    config: SpawnConfig,
-    rng: np.random.Generator,
-    tolerance: np.ndarray | None = None,
-) -> Spawned:
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """A frame, the depth of its pixels and its camera."""
+
+    image: np.ndarray
+    """(H,W,3) uint8."""
+    depth: np.ndarray
+    """(H,W) z depth, world units."""
+    valid: np.ndarray
+    """(H,W) bool: pixels that may get a Gaussian."""
+    camera: Camera
+    tolerance: np.ndarray | None = None
+    """(H,W) relative difference of depth within which an existing Gaussian covers a cell; None: that of `SpawnConfig`. Where
+    depth is unsure, two frames put the same surface at different depths."""
+
+
+def cover(view: DepthImage, existing: np.ndarray, config: SpawnConfig, rng: np.random.Generator) -> Spawned:
     """Spawn one Gaussian in every valid cell, or block of plain cells, of a frame that `existing` does not cover.
 
-    Args:
-        image: (H,W,3) uint8. depth: (H,W) z depth, world units. valid: (H,W) bool. camera: of this frame.
-        existing: (N,3) world positions at this frame's time.
-        tolerance: (H,W) relative difference of depth within which an existing Gaussian covers a cell; that of `config`
-            when left out. Where depth is unsure, two frames put the same surface at different depths.
+    `existing`: (N,3) world positions at the frame's time.
     """
-    rows, cols = np.nonzero(valid)
-    grid = _Grid.over(image, depth, valid, config.spacing)
+    depth, camera = view.depth, view.camera
+    rows, cols = np.nonzero(view.valid)
+    grid = _Grid.over(view.image, depth, view.valid, config.spacing)
     order = rng.permutation(len(rows))  # a random pixel of each cell, so that no grid shows
     rows, cols = rows[order], cols[order]
     _, first = np.unique(grid.cell(rows, cols), return_index=True)
     first.sort()  # in random order still, so that blocks do not all take the same corner
     rows, cols = rows[first], cols[first]
-    allowed = np.full(len(rows), config.depth_tolerance) if tolerance is None else tolerance[rows, cols]
+    allowed = np.full(len(rows), config.depth_tolerance) if view.tolerance is None else view.tolerance[rows, cols]
     covered = grid.covered(rows, cols, depth[rows, cols], allowed, camera, existing)
     _, first = np.unique(grid.block(rows, cols), return_index=True)
     first = first[~covered[first]]
@@ -164,7 +169,7 @@ def cover(
     focal = 0.5 * (camera.intrinsics[0, 0] + camera.intrinsics[1, 1])
     return Spawned(
         camera.unproject(pixels, z).astype(np.float32),
-        (image[rows, cols] / 255.0).astype(np.float32),
+        (view.image[rows, cols] / 255.0).astype(np.float32),
         (z / focal * size * config.scale).astype(np.float32),
         z.astype(np.float32),
     )
@@ -201,16 +206,16 @@ class _Grid:
         return grid
 
     def cell(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-        """Number of the cell of each pixel."""
+        """Return the number of the cell of each pixel."""
         down, across = self.level.shape
         return (rows * down // self.height) * across + cols * across // self.width
 
     def level_at(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-        """Level of the cell of each pixel."""
+        """Return the level of the cell of each pixel."""
         return self.level.ravel()[self.cell(rows, cols)]
 
     def block(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-        """Number of the block of each pixel, unique over all levels."""
+        """Return the number of the block of each pixel, unique over all levels."""
         down, across = self.level.shape
         cell = self.cell(rows, cols)
         level = self.level.ravel()[cell]
@@ -225,7 +230,7 @@ class _Grid:
         camera: Camera,
         existing: np.ndarray,
     ) -> np.ndarray:
-        """(n,) bool: pixels, one a cell, in whose block an existing Gaussian lies at their depth `z`, or many beside it."""
+        """Return (n,) bool: pixels, one a cell, in whose block an existing Gaussian lies at their depth `z`, or many beside it."""
         down, across = self.level.shape
         if not len(existing):
             return np.zeros(len(rows), bool)
@@ -250,7 +255,7 @@ class _Grid:
 
 
 def _blocks(cells: np.ndarray, level: int) -> np.ndarray:
-    """Sums over blocks of `2**level` x `2**level` cells; those at the rim are padded with nothing."""
+    """Return the sums over blocks of `2**level` x `2**level` cells; those at the rim are padded with nothing."""
     side = 2**level
     padded = np.pad(cells, [(0, -size % side) for size in cells.shape])
     return padded.reshape(padded.shape[0] // side, side, -1, side).sum((1, 3))
@@ -282,7 +287,7 @@ def _trainable(parameters: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def spawn_static(spawned: Spawned, degree: int, config: SpawnConfig, first_id: int = 0) -> StaticGaussians:
-    """Static Gaussians of SH degree `degree` at back-projected pixels, ids from `first_id` on."""
+    """Return the static Gaussians of SH degree `degree` at back-projected pixels, ids from `first_id` on."""
     count = len(spawned.means)
     parameters = {"means": torch.from_numpy(spawned.means), "quats": _identity_quaternions(count)}
     parameters |= _parameters(spawned, degree, config.opacity)
@@ -292,7 +297,7 @@ def spawn_static(spawned: Spawned, degree: int, config: SpawnConfig, first_id: i
 
 
 def learnt_before(splats: Splats, reach: Tensor, first_id: int) -> StaticGaussians:
-    """Static Gaussians that go on from those of an earlier fit: `splats` of tensors, `reach` (N,), ids from `first_id` on."""
+    """Return static Gaussians that go on from an earlier fit: `splats` of tensors, `reach` (N,), ids from `first_id` on."""
     splats = splats.map(torch.clone)  # what is optimised shares no memory with what it comes from
     parameters = {
         "means": splats.means,
@@ -310,25 +315,23 @@ def learnt_before(splats: Splats, reach: Tensor, first_id: int) -> StaticGaussia
 def spawn_dynamic(
     spawned: Spawned,
     reference: np.ndarray,
-    node_xyz: Tensor,
-    node_quat: Tensor,
-    neighbours: int,
+    scaffold: Scaffold,
     degree: int,
     config: SpawnConfig,
     first_id: int = 0,
 ) -> DynamicGaussians:
-    """Dynamic Gaussians, each attached to the node nearest at its reference frame.
+    """Return dynamic Gaussians, each attached to the node nearest at its reference frame.
 
-    Args:
-        reference: (N,) frame index of each Gaussian. node_xyz: (F,M,3). node_quat: (F,M,4). neighbours: K.
+    `reference (N,)` are indices into the F of `scaffold`, whose quaternions have length 1.
     """
     count = len(spawned.means)
     frame, x = torch.from_numpy(reference).long(), torch.from_numpy(spawned.means)
-    attach = torch.from_numpy(attach_nodes(spawned.means, reference, node_xyz.numpy()))
-    local_x, local_q = localise(x, _identity_quaternions(count), attach, frame, node_xyz, node_quat)
+    attach = torch.from_numpy(attach_nodes(spawned.means, reference, scaffold.xyz))
+    nodes = torch.from_numpy(scaffold.xyz), torch.from_numpy(scaffold.quat)
+    local_x, local_q = localise(x, _identity_quaternions(count), attach, frame, *nodes)
     parameters = {"local_means": local_x, "local_quats": local_q}
     parameters |= _parameters(spawned, degree, config.opacity)
-    parameters["dw"] = torch.zeros(count, neighbours)
+    parameters["dw"] = torch.zeros(count, scaffold.neighbours.shape[1])
     parameters["log_lifetimes"] = torch.full((count, 2), ALWAYS).log()
     labels = {"ids": torch.arange(first_id, first_id + count), "attach": attach, "reference": frame}
     labels["reach"] = torch.from_numpy(spawned.depth)

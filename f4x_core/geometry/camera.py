@@ -150,7 +150,7 @@ class CameraPath:
         return are_indices(self.times)
 
     def frame_at(self, time: float) -> int:
-        """The index of the camera nearest in time; where frames are evenly spaced `time` itself, rounded, even if it is outside."""
+        """Return the index of the camera nearest in time; for evenly spaced frames `time` itself, rounded, even if outside."""
         return round(time) if self.steady else int(np.abs(self.times - time).argmin())
 
     def at_times(self, times: Sequence[float] | np.ndarray) -> "CameraPath":

@@ -39,7 +39,7 @@ class Similarity:
 
 
 def fit_similarity(before: np.ndarray, after: np.ndarray) -> Similarity | None:
-    """The similarity, a translation if that is enough, that moves `before (n,3)` to `after (n,3)` up to rounding, else None."""
+    """Return the similarity, or translation if enough, that moves `before (n,3)` to `after (n,3)` up to rounding; else None."""
     before, after = np.asarray(before, np.float64), np.asarray(after, np.float64)
     tolerance = ROUNDING * max(1.0, np.abs(before).max(initial=0), np.abs(after).max(initial=0))
     pivot, translation = before.mean(0), (after - before).mean(0)

@@ -33,14 +33,14 @@ class Splats:
         return len(self.means)
 
     def map(self, change: Callable[[Array], Array]) -> Self:
-        """The Gaussians with `change` applied to each of their arrays, for example `torch.from_numpy` or a selection of rows."""
+        """Return the Gaussians with `change` applied to each of their arrays, such as `torch.from_numpy` or a selection of rows."""
         return replace(self, **{name: change(array) for name, array in self.arrays().items()})
 
     def take(self, index: Any) -> Self:
-        """The Gaussians at `index`: (n,) int, (N,) bool or a slice."""
+        """Return the Gaussians at `index`: (n,) int, (N,) bool or a slice."""
         return self.map(lambda array: array[index])
 
     def arrays(self) -> dict[str, Array]:
-        """The arrays by name, without those that are None."""
+        """Return the arrays by name, without those that are None."""
         named = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: array for name, array in named.items() if array is not None}

@@ -5,8 +5,7 @@ depth is wrong by the fraction `e` displaced by `f tan(a) e` (small `e`, `f` the
 stays below `TOLERANCE`. What is left is to know `e`: from the confidence of the depth, from the angle between the viewing
 rays of static points, and from how surely near and far are not exchanged.
 
-Constants were looked at on the rendered clips `knight` and `procedural` with offline priors; the benchmarks measure the same angle
-where the truth is known (`displacement`), so that they can be chosen anew.
+Constants were chosen on the rendered clips `knight` and `procedural` with offline priors.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ class DepthEvidence:
     focal: float
     """Focal length in picture widths."""
     depth_error: float
-    """Of static depth, by its confidence."""
+    """Relative error of static depth, by its confidence."""
     view_degrees: float | None
     """Median angle between the outermost viewing rays of a static point; None where depth does not come from them."""
     ray_noise: float
@@ -58,7 +57,7 @@ class DepthEvidence:
     mirror_probability: float
     """0..1: that near and far are exchanged."""
     moving_error: float | None
-    """Of the depth of what moves; None where nothing moves."""
+    """Relative error of the depth of moving objects; None where nothing moves."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ def depth_evidence(priors: Priors) -> DepthEvidence | None:
 
 
 def _angle(error: float, focal: float) -> float:
-    """Degrees at which a relative depth error displaces by the tolerance."""
+    """Return the degrees at which a relative depth error displaces by the tolerance."""
     return min(float(np.degrees(np.arctan(TOLERANCE / (focal * max(error, DEPTH_FLOOR))))), MAX_DEGREES)
 
 
@@ -118,7 +117,7 @@ def _depth_from_rays(priors: Priors) -> bool:
 
 
 def _confidence(priors: Priors, moving: bool) -> np.ndarray:
-    """Confidence (n,) of known depth of what moves or of the background; 1 where a provider gave none."""
+    """Return the confidence (n,) of known depth of moving objects or of the background; 1 where a provider gave none."""
     assert priors.depth is not None
     pick = slice(None), slice(None, None, SAMPLED), slice(None, None, SAMPLED)
     known = np.isfinite(priors.depth[pick])
@@ -131,7 +130,7 @@ def _confidence(priors: Priors, moving: bool) -> np.ndarray:
 
 
 def _error_of(confidence: np.ndarray) -> float:
-    """Relative depth error of the median confidence."""
+    """Return the relative depth error of the median confidence."""
     if not len(confidence):
         return GUESS_ERROR
     middle = float(np.median(confidence))
@@ -139,7 +138,7 @@ def _error_of(confidence: np.ndarray) -> float:
 
 
 def _moving_error(priors: Priors, focal: float, ray_noise: float) -> float | None:
-    """Median over the moving objects whose depth's origin is known, else by the confidence of moving pixels.
+    """Return the median over the moving objects whose depth's origin is known, else by the confidence of moving pixels.
 
     The classical provider's confidence there is how much of the ground contact was seen and no precision; priors written
     before origins were kept count as ground contact.

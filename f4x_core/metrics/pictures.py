@@ -13,7 +13,7 @@ SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
 
 @lru_cache(maxsize=8)
 def ssim_window(dtype: torch.dtype) -> Tensor:
-    """(11,) the blur, summing to 1."""
+    """Return (11,) the blur, summing to 1."""
     offsets = torch.arange(SSIM_WINDOW, dtype=torch.float64) - (SSIM_WINDOW - 1) / 2
     kernel = torch.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
     return (kernel / kernel.sum()).to(dtype)
@@ -38,7 +38,7 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
 
 
 def psnr(image: Tensor, target: Tensor, weight: Tensor | None = None) -> float:
-    """Peak signal-to-noise ratio in dB of images (H,W,3) in [0,1], over the pixels of `weight` (H,W) when given; NaN if none."""
+    """Return the peak signal-to-noise ratio in dB of images (H,W,3) in [0,1], over the pixels of `weight` (H,W); NaN for none."""
     error = ((image - target) ** 2).mean(-1)
     if weight is None:
         mse = float(error.mean())
@@ -51,5 +51,5 @@ def psnr(image: Tensor, target: Tensor, weight: Tensor | None = None) -> float:
 
 
 def ssim(image: Tensor, target: Tensor) -> float:
-    """Mean structural similarity of two images (H,W,3)."""
+    """Return the mean structural similarity of two images (H,W,3)."""
     return float(ssim_map(image, target).mean())

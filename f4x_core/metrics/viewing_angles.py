@@ -1,4 +1,4 @@
-"""From how many sides a clip shows things: viewing angles of static points, of moving groups, and DyCheck's angular factor.
+"""Viewing angles of a clip: of static points, of moving groups, and DyCheck's angular factor.
 
 A depth error becomes visible from the side only; what was seen from one direction alone has no measured depth. numpy, no torch.
 """
@@ -29,7 +29,7 @@ MIN_SIGHTINGS = 2
 
 @dataclass(frozen=True)
 class GroupView:
-    """From how many sides one group of moving nodes was seen, by its own turning and by the camera's path."""
+    """Viewing angles of one group of moving nodes, by its own turning and by the camera's path."""
 
     nodes: int
     """Nodes of the scaffold that belong to it."""
@@ -42,7 +42,7 @@ class GroupView:
 
 
 def parallax_degrees(priors: Priors) -> float:
-    """Angle between the two outermost cameras seen from a point at the median depth (1 world unit); 0 without cameras."""
+    """Return the angle between the two outermost cameras, seen from a point at the median depth (1 world unit); 0 for none."""
     if priors.cameras is None or len(priors.cameras) < 2:
         return 0.0
     baseline = float(pdist(priors.cameras.centers).max())
@@ -61,7 +61,7 @@ def angular_factor(path: CameraPath, fps: float) -> float:
 
 
 def angular_speed(directions: np.ndarray, times: np.ndarray, fps: float) -> float:
-    """Mean angle (degrees per second) between neighbours in time of `directions (F,3)` at clip frames `times (F,)`."""
+    """Return the mean angle (degrees per second) between neighbours in time of `directions (F,3)` at clip frames `times (F,)`."""
     if len(directions) < 2:
         return 0.0
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -70,7 +70,7 @@ def angular_speed(directions: np.ndarray, times: np.ndarray, fps: float) -> floa
 
 
 def spanned_degrees(directions: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """Largest angle (P,) in degrees between two of the `directions (F,P,3)` in which `visible (F,P)`; NaN below two."""
+    """Return the largest angle (P,) in degrees between two of the `directions (F,P,3)` in which `visible (F,P)`; NaN below two."""
     unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
     unit = np.where(visible[..., None], unit, np.nan)
     smallest = np.ones(directions.shape[1])
@@ -81,7 +81,7 @@ def spanned_degrees(directions: np.ndarray, visible: np.ndarray) -> np.ndarray:
 
 
 def static_view_degrees(priors: Priors) -> np.ndarray:
-    """Angle (P,) in degrees spanned over the clip by the viewing rays of each static track, by depth and cameras.
+    """Return the angle (P,) in degrees spanned over the clip by the viewing rays of each static track, by depth and cameras.
 
     A track stands at the median of the places where depth puts it. At most `MAX_POINTS` tracks, evenly chosen; empty where
     tracks, depth or cameras are missing.
@@ -105,7 +105,7 @@ def static_view_degrees(priors: Priors) -> np.ndarray:
 
 
 def group_views(scaffold: Scaffold, cameras: CameraPath, fps: float) -> list[GroupView]:
-    """From how many sides each group of connected nodes was seen, the largest group first.
+    """Return the viewing angles of each group of connected nodes, the largest group first.
 
     `cameras`: one per time of the scaffold. The viewing direction from the group's middle to the camera is turned into the
     group's own axes, those of its best rigid motion (`groups.group_motion`), so that a thing that turns before a standing

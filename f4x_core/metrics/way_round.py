@@ -1,4 +1,4 @@
-"""How surely a scene is the right way round: the decision of the camera stage between a solution and its mirror image."""
+"""The decision of the camera stage between a solution and its mirror image, in which near and far are exchanged."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_ODDS = 1000
 
 @dataclass(frozen=True)
 class WayRound:
-    """Which of the two solutions was chosen, near and far as errors have it or exchanged, and how surely."""
+    """The chosen one of two solutions, near and far as errors have it or exchanged, and its certainty."""
 
     verdict: str
     """`sure`, `likely` or `toss-up`."""
@@ -26,7 +26,7 @@ class WayRound:
     margin: float
     """Log-odds in favour of the chosen solution, natural logarithm."""
     clues: tuple[Evidence, ...]
-    """What decided, the strongest first."""
+    """Evidence that decided, the strongest first."""
 
     @classmethod
     def of(cls, priors: Priors) -> WayRound | None:

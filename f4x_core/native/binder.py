@@ -1,4 +1,4 @@
-"""How Python calls the compiled kernels: C signatures as data, arrays checked in one place. Needs numpy alone.
+"""Calls the compiled kernels from Python: C signatures as data, arrays checked in one place. Needs numpy alone.
 
 A wrapper declares each C struct as a `Struct` and each C function as a `Function`. Filling a struct checks the dtype, the
 shape and the layout of every array before its address is taken, because the kernels walk bare pointers and can check nothing.
@@ -44,7 +44,7 @@ class Array:
     """Elements from one entry to the next along each axis; None = C-contiguous."""
 
     def names(self) -> set[str]:
-        """The sizes that shape and strides refer to."""
+        """Return the sizes that shape and strides refer to."""
         lengths = map(str, (*self.shape, *(self.strides or ())))
         return {part for length in lengths for part in re.split("[+*]", length) if not part.isdigit()}
 
@@ -57,7 +57,7 @@ class Result:
 
 
 def _name(dtype: Any) -> str:
-    """Name of a dtype of numpy or torch, for example `float32`."""
+    """Return the name of a dtype of numpy or torch, for example `float32`."""
     return str(dtype).removeprefix("torch.")
 
 
@@ -123,7 +123,7 @@ class Struct:
         filled.arrays.update(values)
 
     def _make_plan(self, *sizes: int) -> list[tuple[str, Check | None]]:
-        """Every field of C in order and, of an array, its check for the values of `_sizes`."""
+        """Return every field of C in order and, of an array, its check for the values of `_sizes`."""
         named = dict(zip(self._sizes, sizes, strict=True))
         return [
             (name, _check_of(f"{self.name}.{name}", kind, named) if name in self.arrays else None)

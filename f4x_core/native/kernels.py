@@ -1,4 +1,4 @@
-"""Who does the inner loops: the compiled library or torch."""
+"""Choice between the compiled library and torch for inner loops."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Kernels:
-    """Which implementation of skinning, colours and SSIM a computation uses, and on how many threads."""
+    """Implementation of skinning, colours and SSIM that a computation uses, and its number of threads."""
 
     native: bool = False
     """The compiled library (float32 on the CPU, differentiable once); otherwise torch."""

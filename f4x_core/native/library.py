@@ -1,4 +1,4 @@
-"""Where the compiled library lies and how it is opened. Standard library alone: the build asks here too."""
+"""Finds and opens the compiled library. Needs the standard library alone: the build asks here too."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def this_platform() -> str:
 
 @lru_cache  # the sources do not change under a running process, and several kernels ask at every step
 def library_path(target: str | None = None) -> Path:
-    """Where the library of the present sources lies, or would lie, for a platform (this one): an old one is never taken for it."""
+    """Return the library's path for a platform (this one); the name has the hash of the sources, so no old one is used."""
     digest = hashlib.sha256()
     for source in (*SOURCES, *sorted(ROOM.glob("*.hpp")), ROOM / "build.py"):
         digest.update(source.read_bytes().replace(b"\r\n", b"\n"))  # whatever line ends a checkout writes
@@ -34,7 +34,7 @@ def library_path(target: str | None = None) -> Path:
 
 
 def open_library() -> tuple[ctypes.CDLL | None, str]:
-    """The library, or None and the reason why there is none; looked for once per process."""
+    """Return the library, or None and the reason why there is none; looked for once per process."""
     return _open(library_path())
 
 
@@ -55,14 +55,14 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
 
 
 def require_library() -> ctypes.CDLL:
-    """The library, for callers that were chosen because it is there."""
+    """Return the library, for callers that were chosen because it is there."""
     library, reason = open_library()
     assert library is not None, reason
     return library
 
 
 def instruction_set(library: ctypes.CDLL) -> str:
-    """Which version of the kernels this processor runs: `avx512-wide`, `avx512`, `avx2` or `plain`.
+    """Return the version of the kernels that this processor runs: `avx512-wide`, `avx512`, `avx2` or `plain`.
 
     `avx512` and `avx2` are the same to the bit. `avx512-wide` draws the same pictures to the bit with sixteen lanes, where a
     measurement at first use says that they pay; it sums gradients in another order.

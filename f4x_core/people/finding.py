@@ -1,4 +1,4 @@
-"""Everyone in one picture: the detector's people, and what moves, whichever way is up."""
+"""Everyone in one picture: the detector's people, and moving objects, whichever way is up."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MIN_CONFIRMED, MIN_STEADY = 0.6, 0.5
 """Score of the detector, in the crop by the joints, from which somebody is followed; steadiness that counts instead for a mover
 who is not upright, of whom the detector knows little."""
 TURNS = 12
-"""Directions of "up" that are tried on what moves: whoever dances on their hands is upright for the network."""
+"""Directions of "up" that are tried on moving objects: whoever dances on their hands is upright for the network."""
 TURNED = 1.0
 """Radians from upright beyond which the detector knows little of somebody."""
 UPRIGHT_PRESENCE, UPRIGHT_AGREEMENT = 0.9, 0.5
@@ -54,7 +54,7 @@ class Seed:
 
 
 def find_everyone(picture: np.ndarray, parts: bool = False) -> list[Seed]:
-    """The people whom the detector sees in `picture (H, W, 3)` uint8, the surest first.
+    """Return the people whom the detector sees in `picture (H, W, 3)` uint8, the surest first.
 
     `parts`: look again in overlapping parts of the picture, for those who are far away.
     """
@@ -68,7 +68,7 @@ def find_everyone(picture: np.ndarray, parts: bool = False) -> list[Seed]:
 
 
 def find_mover(picture: np.ndarray, region: np.ndarray, step: int) -> Seed | None:
-    """The person who fills a moving `region (H // step, W // step)` bool, whichever way is up; None where nobody does."""
+    """Return the person who fills a moving `region (H // step, W // step)` bool, whichever way is up; None where nobody does."""
     y, x = np.nonzero(region)
     low, high = step * np.array([x.min(), y.min()]), step * np.array([x.max() + 1, y.max() + 1])
     side = CROP_FACTOR * float(np.max(high - low))
@@ -98,7 +98,7 @@ def fills(pose: Pose, region: np.ndarray, step: int) -> bool:
 
 
 def steadiness(picture: np.ndarray, pose: Pose) -> float:
-    """Agreement 0..1 of a pose with those found in the same crop turned, mirrored and smaller.
+    """Return the agreement 0..1 of a pose with those found in the same crop turned, mirrored and smaller.
 
     A body is found again, whichever way is up; swans, camels and toy trains get other joints each time.
     """
@@ -115,13 +115,13 @@ def steadiness(picture: np.ndarray, pose: Pose) -> float:
 
 
 def _agreement(pose: Pose, region: np.ndarray, step: int) -> float:
-    """Intersection over union of a person's mask and a `region (H // step, W // step)` bool."""
+    """Return the intersection over union of a person's mask and a `region (H // step, W // step)` bool."""
     shown = pose.mask(step * region.shape[0], step * region.shape[1], step) > 0.5
     return float((shown & region).sum() / max((shown | region).sum(), 1))
 
 
 def look_twice(picture: np.ndarray, crop: Crop) -> Pose | None:
-    """The person in a crop, and again in the crop that their joints ask for; None where nobody is."""
+    """Return the person in a crop, and again in the crop that their joints ask for; None where nobody is."""
     if not is_usable(crop, picture):
         return None
     first = find_pose(picture, crop)
@@ -152,7 +152,7 @@ def same_body(one: Pose, other: Pose, shape: tuple[int, int]) -> bool:
 
 
 def _detected(picture: np.ndarray, parts: bool) -> list[Crop]:
-    """Crops of the people that the detector sees, in the whole picture and in its parts; the surest first."""
+    """Return the crops of the people that the detector sees, in the whole picture and in its parts; the surest first."""
     seen = detect(picture, THRESHOLD)
     if parts:
         height, width = picture.shape[:2]
@@ -165,13 +165,13 @@ def _detected(picture: np.ndarray, parts: bool) -> list[Crop]:
 
 
 def _starts(length: int, side: int) -> list[int]:
-    """Starts of parts of length `side` along an edge: they overlap by half, and the last one ends at the border."""
+    """Return the starts of parts of length `side` along an edge: they overlap by half, and the last one ends at the border."""
     count = max(int(np.ceil(2 * (length - side) / side)), 0) + 1
     return np.round(np.linspace(0, max(length - side, 0), count)).astype(int).tolist()
 
 
 def _moved(one: Detection, left: int, top: int) -> Detection:
-    """A detection in a part of the picture, in pixels of the whole."""
+    """Return a detection in a part of the picture, in pixels of the whole."""
     corner = np.array([left, top], np.float64)
     crop = Crop(one.crop.center + corner, one.crop.side, one.crop.angle)
     return Detection(one.score, crop)

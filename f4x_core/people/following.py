@@ -61,7 +61,7 @@ class Pictures:
     """(F - 1, H, W, 2) pixels, picture i + 1 -> i."""
 
     def carried(self, mask: np.ndarray, before: int, frame: int) -> np.ndarray:
-        """A mask of picture `before` on every `COARSE`-th pixel, float32, carried to the neighbouring picture `frame`."""
+        """Return a mask of picture `before` on every `COARSE`-th pixel, float32, carried to the neighbouring picture `frame`."""
         import cv2
 
         back = self.backward[before] if frame > before else self.forward[frame]
@@ -101,7 +101,7 @@ def follow_everyone(
     search: Callable[[int], Sequence[Seed]] = lambda frame: (),
     report: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[Person]:
-    """The people of a clip from those found in some pictures, largest first.
+    """Return the people of a clip from those found in some pictures, largest first.
 
     `search`: finds movers in a picture. It is asked again where a mover was lost.
     """
@@ -120,7 +120,7 @@ def follow_everyone(
 def _followed(
     clip: Pictures, seeds: Seeds, known: Sequence[Person], report: Callable[[int, int], None]
 ) -> list[Person]:
-    """The `known` people, and at most `MAX_FOLLOWED` others from the seeds: movers first."""
+    """Return the `known` people, and at most `MAX_FOLLOWED` others from the seeds: movers first."""
     pictures, people = clip.rgb, list(known)
     most = len(people) + MAX_FOLLOWED
     order = sorted(
@@ -157,7 +157,7 @@ def is_person(person: Person, pictures: np.ndarray, checks: int = CHECKS, tolera
 
 
 def _until_known(person: Person, start: int, people: Sequence[Person], pictures: np.ndarray) -> Person:
-    """The pictures of a person, from `start` both ways, before they become one of the `people`."""
+    """Return the pictures of a person, from `start` both ways, before they become one of the `people`."""
     taken = [frame for frame in person.frames if _known(people, frame, person.poses[frame], pictures)]
     first = max((frame for frame in taken if frame <= start), default=-1)
     last = min((frame for frame in taken if frame >= start), default=len(pictures))
@@ -202,7 +202,7 @@ class _Place:
     """Directions of "up" to either side of the crop's that are tried."""
 
     def best(self, seen: Sequence[Pose]) -> Pose | None:
-        """The person there: where the joints lead, else as `seen` by the detector or whichever way is up; None if lost."""
+        """Return the person there: where the joints lead, else as `seen` by the detector or whichever way is up; None if lost."""
         found = find_pose(self.picture, self.crop) if is_usable(self.crop, self.picture) else None
         if found is not None and self.agreement(found) >= SURE_AGREEMENT:
             return found
@@ -220,7 +220,7 @@ class _Place:
         return best if best is not None and self.agreement(best) >= MIN_AGREEMENT else None
 
     def agreement(self, pose: Pose) -> float:
-        """Intersection over union of a person's mask and of where they are expected; 0 where nobody is present."""
+        """Return the intersection over union of a person's mask and of where they are expected; 0 where nobody is present."""
         if pose.presence < PRESENCE or not is_usable(pose.next_crop, self.picture):
             return 0.0
         shown = pose.mask(self.picture.shape[0], self.picture.shape[1], COARSE) > 0.5
@@ -228,7 +228,7 @@ class _Place:
 
 
 def _place(clip: Pictures, frame: int, last: Pose, before: int, turns: int) -> _Place:
-    """The place in picture `frame` of somebody who was `last` seen in picture `before`."""
+    """Return the place in picture `frame` of somebody who was `last` seen in picture `before`."""
     expected = clip.carried(last.mask(clip.rgb.shape[1], clip.rgb.shape[2], COARSE), before, frame) > 0.5
     return _Place(clip.rgb[frame], expected, last.next_crop, turns)
 
@@ -255,7 +255,7 @@ def _joined(people: list[Person], pictures: np.ndarray) -> list[Person]:
 
 
 def _likeness(one: Person, other: Person, color: np.ndarray, other_color: np.ndarray) -> float:
-    """Likeness of `other` to `one`, of whom they may be the return; 0 where they cannot be."""
+    """Return the likeness of `other` to `one`, of whom they may be the return; 0 where they cannot be."""
     last, first = one.frames[-1], other.frames[0]
     if not 0 < first - last <= GAP:
         return 0.0
@@ -268,7 +268,7 @@ def _likeness(one: Person, other: Person, color: np.ndarray, other_color: np.nda
 
 
 def _colors(person: Person, pictures: np.ndarray) -> np.ndarray:
-    """(512,) square root of the histogram of a person's colors, over up to eight pictures."""
+    """Return (512,) square root of the histogram of a person's colors, over up to eight pictures."""
     frames = person.frames
     histogram = np.zeros(BINS**3)
     for frame in frames[:: max(len(frames) // 8, 1)]:

@@ -30,7 +30,7 @@ AUXILIARY = (33, 34)
 CONFIRMED_AT = (1.0, 1.35)
 """Sides of a crop, in its own, in which the detector looks for the same person again."""
 MAX_APART, MAX_GROWTH, MAX_TURN = 0.2, 0.5, 0.7
-"""It is the same person within this distance (sides), logarithm of the size and turn (radians)."""
+"""Largest distance (sides), difference of the logarithm of the size, and turn (radians) of two crops of the same person."""
 OVERLAP = 0.3
 """Two detections whose boxes have a larger intersection over union are one."""
 
@@ -50,7 +50,7 @@ class Crop:
 
     @classmethod
     def around(cls, center: np.ndarray, on_circle: np.ndarray) -> Crop:
-        """The crop of a body from its `center (2,)`, between the hips, and a point `(2,)` above it on the circle around it."""
+        """Return the crop of a body from its `center (2,)`, between the hips, and a point `(2,)` above it on its circle."""
         x, y = np.asarray(on_circle, np.float64) - center
         return cls(np.asarray(center, np.float64), 2 * CROP_FACTOR * float(np.hypot(x, y)), float(np.arctan2(x, -y)))
 
@@ -60,7 +60,7 @@ class Crop:
         return abs((self.angle + np.pi) % (2 * np.pi) - np.pi)
 
     def to_picture(self, size: int) -> np.ndarray:
-        """(2, 3) float64: pixels of the crop, `size` along its side, to pixels of the picture."""
+        """Return (2, 3) float64: pixels of the crop, `size` along its side, to pixels of the picture."""
         cos, sin = np.cos(self.angle), np.sin(self.angle)
         across = -1 if self.mirrored else 1
         linear = self.side / size * np.array([[across * cos, -sin], [across * sin, cos]])
@@ -97,7 +97,7 @@ class Pose:
     """The crop of the person by these joints: for a second look, or for the next frame."""
 
     def mask(self, height: int, width: int, step: int = 1) -> np.ndarray:
-        """(H // step, W // step) float32 in 0..1: how surely every `step`-th pixel shows the person; 0 outside the crop."""
+        """Return (H // step, W // step) float32 in 0..1: how surely every `step`-th pixel shows the person; 0 outside the crop."""
         import cv2
 
         there = self.crop.to_picture(POSE_SIZE) / step
@@ -123,7 +123,7 @@ class Pose:
 
 
 def missing() -> str:
-    """The sentence that says which package people need; empty where all is there."""
+    """Return the sentence that says which package people need; empty where all is there."""
     absent = [PACKAGED[name].package for name in ("people-detector", "people-pose") if PACKAGED[name].path() is None]
     absent += [RUNTIME_PACKAGE] if find_spec(RUNTIME) is None else []
     if not absent:
@@ -132,7 +132,7 @@ def missing() -> str:
 
 
 def detect(picture: np.ndarray, threshold: float) -> list[Detection]:
-    """People in `picture (H, W, 3)` uint8 with a score of at least `threshold`, the surest first."""
+    """Return the people in `picture (H, W, 3)` uint8 with a score of at least `threshold`, the surest first."""
     import cv2
 
     height, width = picture.shape[:2]
@@ -157,7 +157,7 @@ def detect(picture: np.ndarray, threshold: float) -> list[Detection]:
 
 
 def find_pose(picture: np.ndarray, crop: Crop) -> Pose:
-    """The person in a crop of `picture (H, W, 3)` uint8."""
+    """Return the person in a crop of `picture (H, W, 3)` uint8."""
     there = crop.to_picture(POSE_SIZE)
     landmarks, presence, logits, _, metres = _run(
         "people-pose", _cut(picture, crop, POSE_SIZE).astype(np.float32) / 255
@@ -199,7 +199,7 @@ def confirm(picture: np.ndarray, crop: Crop) -> float:
 
 
 def _cut(picture: np.ndarray, crop: Crop, size: int) -> np.ndarray:
-    """(size, size, 3) uint8: the crop of a picture, black outside of it."""
+    """Return (size, size, 3) uint8: the crop of a picture, black outside of it."""
     import cv2
 
     there = crop.to_picture(size)
@@ -208,13 +208,13 @@ def _cut(picture: np.ndarray, crop: Crop, size: int) -> np.ndarray:
 
 
 def sigmoid(values: np.ndarray) -> np.ndarray:
-    """Logits to 0..1, of the same type."""
+    """Map logits to 0..1, of the same type."""
     return 1 / (1 + np.exp(-np.clip(values, -30, 30)))
 
 
 @cache
 def _anchors() -> np.ndarray:
-    """(2254, 2) centres of the anchors, in sides of the picture."""
+    """Return (2254, 2) centres of the anchors, in sides of the picture."""
     rows = []
     for cells, count in ANCHOR_GRIDS:
         y, x = np.divmod(np.arange(cells * cells), cells)
@@ -227,7 +227,7 @@ _idle: dict[str, list[Any]] = {}
 
 
 def _run(name: str, values: np.ndarray) -> list[np.ndarray]:
-    """The outputs of network `name` for one input of its size, in the order of its file."""
+    """Return the outputs of network `name` for one input of its size, in the order of its file."""
     idle = _idle.setdefault(name, [])
     try:
         network = idle.pop()

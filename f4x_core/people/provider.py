@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..priors import Priors, PriorsConfig
 
 FLOW_STEP = 8
-"""Distance in pixels of the flow's samples that tell what moves."""
+"""Distance in pixels of the flow's samples that tell moving regions."""
 MIN_MOVED, NOISE = 1.5, 3.0
 """Pixels between two frames, and medians of the picture, by which something moves otherwise than the picture."""
 MOVING_REGIONS, MIN_REGION_FRACTION = 2, 0.004
@@ -117,7 +117,7 @@ def _numbered_as(given: np.ndarray, people: list[Person]) -> list[Person]:
 
 
 def _with_movers(seeds: list[Seed], picture: np.ndarray, regions: list[np.ndarray]) -> list[Seed]:
-    """The people of a picture, and whoever else fills a moving region of it."""
+    """Return the people of a picture, and whoever else fills a moving region of it."""
     shape = picture.shape[0], picture.shape[1]
     for region in regions:
         those = [seed for seed in seeds if fills(seed.pose, region, FLOW_STEP)]
@@ -129,7 +129,7 @@ def _with_movers(seeds: list[Seed], picture: np.ndarray, regions: list[np.ndarra
 
 
 def _moving_regions(priors: Priors, frame: int) -> list[np.ndarray]:
-    """Masks (H // FLOW_STEP, W // FLOW_STEP) bool of what moves unlike the picture as a whole, to the next frame; largest first."""
+    """Return masks (H // FLOW_STEP, W // FLOW_STEP) bool of regions that move unlike the whole picture, the largest first."""
     import cv2
 
     if priors.flow_forward is None or frame >= len(priors.flow_forward):

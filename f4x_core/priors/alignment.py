@@ -25,7 +25,7 @@ MIN_EIGENVALUE = 2e-4
 
 
 def align_tracks(tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray) -> np.ndarray:
-    """`tracks (F, N, 2)` float32 with their `visible (F, N)` sightings aligned; `pictures (F, H, W)` uint8 grey.
+    """Return `tracks (F, N, 2)` float32 with their `visible (F, N)` sightings aligned; `pictures (F, H, W)` uint8 grey.
 
     The anchors are the sightings in the middle of each stretch of `ANCHOR_FRAMES` frames; stretches are chained through the
     anchors, each of which was aligned with the one before.
@@ -51,7 +51,7 @@ def align_tracks(tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray) 
 
 
 def _aligned(there: np.ndarray, here: np.ndarray, anchor: np.ndarray, guess: np.ndarray, gap: int) -> np.ndarray:
-    """Places (n, 2) near `guess` in picture `here` that look like those of `anchor` in picture `there`."""
+    """Return the places (n, 2) near `guess` in picture `here` that look like those of `anchor` in picture `there`."""
     import cv2
 
     offset = np.float32(0.5)  # OpenCV counts pixel centres from 0

@@ -94,7 +94,7 @@ class Body:
         return float((weight * here * there).sum() / max((weight * there**2).sum(), 1e-9))
 
     def leaning(self, below: float, above: float) -> Body:
-        """The body with its legs and the rest turned away from the camera by so many radians, about between the hips."""
+        """Return the body with its legs and the rest turned away from the camera by so many radians, about between the hips."""
         metres = np.empty_like(self.metres)
         for joints, angle in ((LEGS, below), (TRUNK, above)):
             sine, cosine = np.sin(angle), np.cos(angle)
@@ -103,7 +103,7 @@ class Body:
         return replace(self, metres=metres)
 
     def relief(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """(n,) metres along the view, from between the hips, to the skin of the limbs at pixels `y, x (n,)`."""
+        """Return (n,) metres along the view, from between the hips, to the skin of the limbs at pixels `y, x (n,)`."""
         known = (self.weight[SEGMENTS] > 0).all(1)
         (start, end), half = SEGMENTS[known].T, HALF_WIDTHS[known]
         apart, part = to_segments(np.stack([x + 0.5, y + 0.5], 1), self.pixels[start], self.pixels[end])
@@ -193,7 +193,7 @@ def _take_fragments(maps: DepthMaps, placed: PlacedPeople) -> None:
 
 
 def _ground_below(maps: DepthMaps, shown: np.ndarray, frame: int) -> GroundEdge | None:
-    """The ground behind the lower edge of the person `shown (F, H, W)` in a frame."""
+    """Return the ground behind the lower edge of the person `shown (F, H, W)` in a frame."""
     return ground_edge(maps.inverse[frame], maps.static_confidence[frame], maps.moving[frame], shown[frame])
 
 
@@ -218,20 +218,20 @@ def _upright(bodies: dict[int, Body], edges: dict[int, GroundEdge | None], intri
 
 
 def _lower_ankle(metres: np.ndarray) -> int:
-    """The ankle of the foot that stands, from the joints `(33, 3)` of a body."""
+    """Return the ankle of the foot that stands, from the joints `(33, 3)` of a body."""
     left, right = (metres[list(foot), 1].max() for foot in (FEET[::2], FEET[1::2]))
     return ANKLES[int(right > left)]
 
 
 def _lean(rise: np.ndarray, up: np.ndarray) -> float:
-    """Angle along the view by which `rise (3,)` leans away from the camera, against `up (3,)`; camera axes."""
+    """Return the angle along the view by which `rise (3,)` leans away from the camera, against `up (3,)`; camera axes."""
     return float(np.arctan2(rise[2], -rise[1]) - np.arctan2(up[2], -up[1]))
 
 
 def _standing_feet(
     maps: DepthMaps, shown: np.ndarray, seen: list[_Seen], priors: Priors, size: np.ndarray
 ) -> list[list[Foot]]:
-    """The feet of the person `shown (F, H, W)` that stand in each of the frames in which they are `seen`.
+    """Return the feet of the person `shown (F, H, W)` that stand in each of the frames in which they are `seen`.
 
     size: (f,) a metre at the body, as a fraction of its distance.
     """
@@ -248,7 +248,7 @@ def _standing_feet(
 def _contacts(
     maps: DepthMaps, shown: np.ndarray, seen: list[_Seen], feet: list[list[Foot]], size: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth of the hips `(f,)` in each of the frames, from the feet that stand, and its trust `(f,)` 0..1.
+    """Return the inverse depth of the hips `(f,)` in each of the frames, from the feet that stand, and its trust `(f,)` 0..1.
 
     Frames without a foot on the ground have the inverse depth of what is around, with little trust. As in `_standing_feet`.
     """
@@ -265,12 +265,12 @@ def _contacts(
 
 
 def _with_clothes(shown: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the person `shown` and what is `free` close beside them: clothes and what they hold."""
+    """Return (H, W) bool: the person `shown` and what is `free` close beside them: clothes and what they hold."""
     return shown | (free & dilate_masks(shown[None], BESIDE)[0])
 
 
 def _limited(relief: np.ndarray) -> np.ndarray:
-    """Differences of depth as fractions of the body's distance, at most `MAX_RELIEF`."""
+    """Return the differences of depth as fractions of the body's distance, at most `MAX_RELIEF`."""
     return np.clip(relief, -MAX_RELIEF, MAX_RELIEF)
 
 
@@ -333,7 +333,7 @@ def bodies_of(joints: np.ndarray, metres: np.ndarray) -> dict[int, Body]:
 
 
 def smooth_scales(frames: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """(f,) a smoothing spline through the logarithms of `scales (f,)`: of a pose that is seen along the view, it is a guess.
+    """Return (f,) a smoothing spline through the logarithms of `scales (f,)`: of a pose that is seen along the view, it is a guess.
 
     `argmin sum w (x - log scale)^2 + SIZE_FRAMES^4 sum (second difference of x)^2`, w Cauchy weights. frames: (f,) rising.
     """

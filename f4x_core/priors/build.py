@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,7 +64,7 @@ def build_priors(
 
 
 def _build(clip: Clip, folder: Path, config: PriorsConfig, progress: Progress, seen_depth: np.ndarray | None) -> Priors:
-    """The priors at the size of `clip`."""
+    """Return the priors at the size of `clip`."""
     priors = Priors.empty(clip)
     if len(priors.frames) == 0:
         raise F4xError(f"{clip.source}: every frame is held out; supervise at least one.")
@@ -73,15 +73,15 @@ def _build(clip: Clip, folder: Path, config: PriorsConfig, progress: Progress, s
     own = _read_user_files(folder, priors)
     fixed = files.take(priors, clip, config, own, folder)
     priors.write(folder, [name for name in fixed if name not in own])
-    picture = clip.digest
+    stages = _Stages(clip, folder, config, priors, clip.digest, progress)
     changes = find_changes(clip.frames[priors.frames])
     cuts = [int(priors.frames[cut]) for cut in changes.cuts]
     priors.statistics["changes"] = {"cuts": cuts, "exposure": round(changes.exposure, 3)}
     for index, (stage, fields) in enumerate(STAGES.items()):
         progress("priors", index, len(STAGES), stage)
         wanted = [name for name in fields if name not in fixed]
-        if wanted and not _resume(stage, wanted, folder, priors, config, picture):
-            _run(stage, wanted, folder, priors, config, picture, clip, progress)
+        if wanted and not stages.resume(stage, wanted):
+            stages.run(stage, wanted)
     progress("priors", len(STAGES), len(STAGES), "done")
     return priors
 
@@ -108,35 +108,99 @@ def _read_user_files(folder: Path, priors: Priors) -> list[str]:
     return own
 
 
-def _key(stage: str, wanted: list[str], priors: Priors, config: PriorsConfig, picture: str) -> str:
-    """What the result of a stage depends on: its settings, the clip, the priors that exist beside its own (of later stages only
-    what the user gave), and for cameras the depth known from elsewhere."""
-    order = list(STAGES)
-    later = {name for other in order[order.index(stage) + 1 :] for name in STAGES[other]}
-    seen = {
-        name: entry["digest"]
-        for name, entry in priors.provenance.items()
-        if getattr(priors, name) is not None and not (name in later and entry["provider"] not in GIVEN)
-    }
-    known = priors.scratch.get(SEEN_DEPTH) if stage == "cameras" else None
-    elsewhere = [] if known is None else [hashlib.blake2b(known.tobytes(), digest_size=16).hexdigest()]
-    beside = {n: d for n, d in seen.items() if n not in wanted}
-    return config_hash(stage, getattr(config, stage), picture, beside, *elsewhere)
+@dataclass(frozen=True, eq=False)
+class _Stages:
+    """The stages that fill the priors of one clip, each run or read from its folder."""
 
+    clip: Clip
+    folder: Path
+    config: PriorsConfig
+    priors: Priors
+    """Filled stage by stage."""
+    digest: str
+    """Digest of the clip."""
+    progress: Progress
 
-def _resume(stage: str, wanted: list[str], folder: Path, priors: Priors, config: PriorsConfig, picture: str) -> bool:
-    """Load a finished stage; False when it has to run."""
-    key = _key(stage, wanted, priors, config, picture)
-    if any(priors.provenance.get(name, {}).get("key") != key for name in wanted):
-        return False
-    for name in wanted:
-        setattr(priors, name, read_field(folder, name))
-    priors.validate(wanted, sources_in(folder))
-    return True
+    def key(self, stage: str, wanted: list[str]) -> str:
+        """Return a hash of everything that the result of a stage depends on.
+
+        That is its settings, the clip, the priors that exist beside its own (of later stages only what the user gave), and for
+        cameras the depth known from elsewhere.
+        """
+        priors, order = self.priors, list(STAGES)
+        later = {name for other in order[order.index(stage) + 1 :] for name in STAGES[other]}
+        seen = {
+            name: entry["digest"]
+            for name, entry in priors.provenance.items()
+            if getattr(priors, name) is not None and not (name in later and entry["provider"] not in GIVEN)
+        }
+        known = priors.scratch.get(SEEN_DEPTH) if stage == "cameras" else None
+        elsewhere = [] if known is None else [hashlib.blake2b(known.tobytes(), digest_size=16).hexdigest()]
+        beside = {n: d for n, d in seen.items() if n not in wanted}
+        return config_hash(stage, getattr(self.config, stage), self.digest, beside, *elsewhere)
+
+    def resume(self, stage: str, wanted: list[str]) -> bool:
+        """Load the fields `wanted` of a finished stage; False when it has to run."""
+        priors, key = self.priors, self.key(stage, wanted)
+        if any(priors.provenance.get(name, {}).get("key") != key for name in wanted):
+            return False
+        for name in wanted:
+            setattr(priors, name, read_field(self.folder, name))
+        priors.validate(wanted, sources_in(self.folder))
+        return True
+
+    def run(self, stage: str, wanted: list[str]) -> None:
+        """Run the provider of a stage and write the fields `wanted` that it made."""
+        priors, settings = self.priors, getattr(self.config, stage)
+        stale = {line for name in wanted for line in priors.provenance.get(name, {}).get("warnings", [])}
+        priors.warnings = [line for line in priors.warnings if line not in stale]
+        before = {name: getattr(priors, name) for name in FIELDS if name not in wanted}
+        known, start = list(priors.warnings), time.perf_counter()
+        find(stage, settings.provider)(self.clip, priors, self.config, self.progress)
+        for name in wanted:
+            if getattr(priors, name) is None:
+                raise F4xError(
+                    f"The provider '{settings.provider}' did not make {name}; choose another one for {stage}."
+                )
+        _forget_hidden(wanted, priors, self.clip)
+        revised = self._revised(before)
+        priors.validate([*wanted, *revised], sources_in(self.folder))
+        entry = {
+            "provider": settings.provider,
+            "settings": asdict(settings),
+            "seconds": round(time.perf_counter() - start, 2),
+            "warnings": [line for line in priors.warnings if line not in known],
+        }
+        for name in wanted:
+            priors.provenance[name] = entry | {"key": "", "digest": priors.provenance.get(name, {}).get("digest")}
+        priors.write(self.folder, [*wanted, *revised])
+        for earlier in list(STAGES)[
+            : list(STAGES).index(stage) + 1
+        ]:  # after the revision: that is what a resume will see
+            made = [name for name in STAGES[earlier] if priors.provenance[name]["provider"] not in GIVEN]
+            key = self.key(earlier, made)
+            for name in made:
+                priors.provenance[name]["key"] = key
+        priors.write(self.folder, [])
+
+    def _revised(self, before: dict[str, Any]) -> list[str]:
+        """Return the earlier fields that a stage changed; those that the user gave get their value `before` back.
+
+        The depth stage, for example, sets the world unit of the cameras.
+        """
+        priors, revised = self.priors, []
+        for name, value in before.items():
+            if getattr(priors, name) is value:
+                continue
+            if value is None or priors.provenance[name]["provider"] in GIVEN:
+                setattr(priors, name, value)
+            else:
+                revised.append(name)
+        return revised
 
 
 def _forget_hidden(names: list[str], priors: Priors, clip: Clip) -> None:
-    """Take out of the priors `names` what they say of pixels that nobody saw."""
+    """Set the pixels that the clip hides to unknown in the fields `names` of `priors`."""
     if clip.hidden is None:
         return
     hidden = clip.hidden[priors.frames]
@@ -147,52 +211,3 @@ def _forget_hidden(names: list[str], priors: Priors, clip: Clip) -> None:
         frame = np.arange(len(hidden))[:, None]
         inside = hidden[frame, row.clip(0, priors.height - 1), column.clip(0, priors.width - 1)]
         priors.tracks_visible = priors.tracks_visible & ~inside
-
-
-def _run(
-    stage: str,
-    wanted: list[str],
-    folder: Path,
-    priors: Priors,
-    config: PriorsConfig,
-    picture: str,
-    clip: Clip,
-    progress: Progress,
-) -> None:
-    """Run the provider of a stage and write what it made."""
-    settings: Any = getattr(config, stage)
-    provide = find(stage, settings.provider)
-    stale = {line for name in wanted for line in priors.provenance.get(name, {}).get("warnings", [])}
-    priors.warnings = [line for line in priors.warnings if line not in stale]
-    before = {name: getattr(priors, name) for name in FIELDS if name not in wanted}
-    known, start = list(priors.warnings), time.perf_counter()
-    provide(clip, priors, config, progress)
-    for name in wanted:
-        if getattr(priors, name) is None:
-            raise F4xError(f"The provider '{settings.provider}' did not make {name}; choose another one for {stage}.")
-    _forget_hidden(wanted, priors, clip)
-    # A stage may revise earlier priors (the depth stage sets the world unit of the cameras); what the user gave stays.
-    revised = []
-    for name, value in before.items():
-        if getattr(priors, name) is value:
-            continue
-        if value is None or priors.provenance[name]["provider"] in GIVEN:
-            setattr(priors, name, value)
-        else:
-            revised.append(name)
-    priors.validate([*wanted, *revised], sources_in(folder))
-    entry = {
-        "provider": settings.provider,
-        "settings": asdict(settings),
-        "seconds": round(time.perf_counter() - start, 2),
-        "warnings": [line for line in priors.warnings if line not in known],
-    }
-    for name in wanted:
-        priors.provenance[name] = entry | {"key": "", "digest": priors.provenance.get(name, {}).get("digest")}
-    priors.write(folder, [*wanted, *revised])
-    for earlier in list(STAGES)[: list(STAGES).index(stage) + 1]:  # after the revision: that is what a resume will see
-        made = [name for name in STAGES[earlier] if priors.provenance[name]["provider"] not in GIVEN]
-        key = _key(earlier, made, priors, config, picture)
-        for name in made:
-            priors.provenance[name]["key"] = key
-    priors.write(folder, [])

@@ -34,14 +34,14 @@ MIN_DEPTH = 1e-6
 MAX_POINT_DISTANCE = 1e4
 """Points stay within this many median distances: beyond, nothing tells them from infinity."""
 FOCAL_PRIOR, FOCAL_SPREAD, DEPTH_PRIOR, PATH_PRIOR = 0.04, 0.15, 0.002, 0.01
-"""What is believed before anything is seen, as a fraction of the squared error that a violation must save: a focal length
+"""Weights of the priors, as fractions of the squared error that a violation must save: a focal length
 whose logarithm is `FOCAL_SPREAD` away from the expected one (with long tails: lenses differ), inverse distances that vary by
 their median, and a path as large as the median distance. They decide only what observations leave open (bas-relief: with
 little translation depth, path and focal length trade for each other). On rendered clips focal lengths 14 % apart fit tracks
 within 0.3 % of the cost."""
 ZOOM_PRIOR, ZOOM_CHANGE = 0.01, 0.005
-"""What is believed of a lens that zooms, as a fraction of the squared error like `FOCAL_PRIOR`: second differences over the frames
-of the logarithm of its focal length are about `ZOOM_CHANGE`; a zoom by 1.5 that starts and stops within half a second has 0.006."""
+"""Weight of the prior of a zoom, as a fraction of the squared error like `FOCAL_PRIOR`: second differences over the frames
+of the logarithm of the focal length are about `ZOOM_CHANGE`; a zoom by 1.5 that starts and stops within half a second has 0.006."""
 UPPER = np.triu_indices(3)
 """Rows and columns of the six different entries of a symmetric matrix."""
 BEHIND_PX = 1000.0
@@ -56,7 +56,7 @@ RUN_STEP = 16
 
 @dataclass(frozen=True)
 class Observations:
-    """Where points were seen: one row per sighting."""
+    """Sightings of points in pictures, one row each."""
 
     frame: np.ndarray
     """(O,) int, which camera."""
@@ -68,7 +68,7 @@ class Observations:
     """(O,) float64 trust."""
 
     def keep(self, chosen: np.ndarray) -> Observations:
-        """The chosen rows (mask or indices)."""
+        """Return the chosen rows (mask or indices)."""
         return Observations(self.frame[chosen], self.point[chosen], self.uv[chosen], self.weight[chosen])
 
     def followed_by(self, other: Observations, first: int) -> Observations:
@@ -81,18 +81,18 @@ class Observations:
         )
 
     def by_frame(self, frames: int) -> list[Observations]:
-        """The sightings of each frame."""
+        """Return the sightings of each frame."""
         order = np.argsort(self.frame, kind="stable")
         ends = np.searchsorted(self.frame[order], np.arange(frames + 1))
         return [self.keep(order[start:end]) for start, end in pairwise(ends)]
 
     def of_points(self) -> tuple[np.ndarray, Observations]:
-        """Which points are sighted at all, and the sightings of those alone."""
+        """Return the indices of the points that are sighted at all, and the sightings with points counted among these."""
         used, point = np.unique(self.point, return_inverse=True)
         return used, replace(self, point=point)
 
     def visible(self, frames: int, points: int) -> np.ndarray:
-        """(frames, points) bool: which point was seen in which frame."""
+        """Return (frames, points) bool: which point was seen in which frame."""
         seen = np.zeros((frames, points), bool)
         seen[self.frame, self.point] = True
         return seen
@@ -137,16 +137,16 @@ class Bundle:
         return lens
 
     def path(self, times: np.ndarray, width: int, height: int) -> CameraPath:
-        """The cameras at their `times (F,)` in clip frames."""
+        """Return the cameras at their `times (F,)` in clip frames."""
         return CameraPath(self.intrinsics, self.world_to_camera, np.asarray(times, np.float64), width, height)
 
     def of_frames(self, frames: np.ndarray) -> Bundle:
-        """The cameras `frames` (mask or indices) alone, with all points."""
+        """Return the cameras `frames` (mask or indices) alone, with all points."""
         zoom = None if self.zoom is None else self.zoom[frames]
         return replace(self, rotation=self.rotation[frames], center=self.center[frames], zoom=zoom)
 
     def with_frames(self, frames: np.ndarray, found: Bundle) -> Bundle:
-        """All cameras, those of `frames` as in `found`, which gives the focal length, too; the points stay."""
+        """Return all cameras, those of `frames` as in `found`, which gives the focal length, too; the points stay."""
         rotation, center = self.rotation.copy(), self.center.copy()
         rotation[frames], center[frames] = found.rotation, found.center
         zoom = self.zoom
@@ -161,7 +161,7 @@ class Bundle:
         return np.einsum("oij,oj->oi", self.rotation[observations.frame], offset)
 
     def residuals(self, observations: Observations) -> np.ndarray:
-        """Projection minus observation in pixels, `(O, 2)`; infinite behind the camera."""
+        """Return the projection minus observation in pixels, `(O, 2)`; infinite behind the camera."""
         local = self.local(observations)
         ahead = local[:, 2:] > MIN_DEPTH
         focal = self.focals[observations.frame, None]
@@ -169,7 +169,7 @@ class Bundle:
         return np.where(ahead, projected - observations.uv, np.inf)
 
     def errors(self, observations: Observations) -> np.ndarray:
-        """Reprojection error in pixels, `(O,)`."""
+        """Return the reprojection error in pixels, `(O,)`."""
         return np.linalg.norm(self.residuals(observations), axis=1)
 
 
@@ -195,12 +195,12 @@ class BundleConfig:
 
     @property
     def unknowns(self) -> int:
-        """Of one camera: rotation, centre and, where the lens zooms, the logarithm of its focal length."""
+        """Number of unknowns of one camera: rotation, centre and, where the lens zooms, the logarithm of its focal length."""
         return 7 if self.refine_zoom else 6
 
 
 def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
-    """Unit viewing directions in the world, `(O, 3)`."""
+    """Return unit viewing directions in the world, `(O, 3)`."""
     plane = (observations.uv - bundle.principal) / bundle.focals[observations.frame, None]
     local = np.column_stack([plane, np.ones(len(plane))])
     local /= np.linalg.norm(local, axis=1, keepdims=True)
@@ -210,7 +210,7 @@ def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
 def triangulate(
     bundle: Bundle, observations: Observations, count: int, rounds: int = 3
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points nearest to their viewing rays: `(count, 3)` and the spread of the rays `(count,)` in radians.
+    """Return the points nearest to their viewing rays: `(count, 3)` and the spread of the rays `(count,)` in radians.
 
     `X = argmin sum w |(I - d d^T)(X - c)|^2 / distance^2`, the distances from the round before, so that the error is
     angular. Spread is the largest angle to the point's mean ray, doubled. Points seen less than twice are NaN.
@@ -298,21 +298,21 @@ def without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundle
 
 
 def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
-    """Cost that `adjust` minimises, per observation (px^2): robust squared error and what is believed of lens and world."""
+    """Return the cost that `adjust` minimises, per observation (px^2): robust squared error and the priors of lens and world."""
     problem = _Problem.of(bundle, bundle.center[len(bundle.center) // 2], _unit(bundle)).centred()
     cost = _costs(problem, observations, config).sum()
     return (cost + _prior_cost(problem, config, cost)) / max(len(observations.frame), 1)
 
 
 def sighting_costs(bundle: Bundle, observations: Observations, config: BundleConfig) -> np.ndarray:
-    """Robust squared error of every sighting, `(O,)` px^2, by its weight."""
+    """Return robust squared error of every sighting, `(O,)` px^2, by its weight."""
     return observations.weight * _robust((bundle.residuals(observations) ** 2).sum(1), config)
 
 
 def resect(
     bundle: Bundle, observations: Observations, frames: np.ndarray, iterations: int = 15, robust_px: float = 2.0
 ) -> Bundle:
-    """Cameras `frames` re-solved from known points, each by itself, starting where it stands; all others stay."""
+    """Return the cameras `frames` re-solved from known points, each by itself, starting where it stands; all others stay."""
     chosen = np.isin(observations.frame, frames) & np.isfinite(bundle.points[observations.point]).all(1)
     seen, config = observations.keep(chosen), BundleConfig(refine_focal=False, robust_px=robust_px)
     if not len(seen.frame):
@@ -347,7 +347,7 @@ def _incidence(index: np.ndarray, count: int) -> csr_matrix:
 
 
 def _unit(bundle: Bundle) -> float:
-    """Median distance of the finite points from the middle camera; 1 without any."""
+    """Return the median distance of the finite points from the middle camera; 1 without any."""
     distance = np.linalg.norm(bundle.points - bundle.center[len(bundle.center) // 2], axis=1)
     distance = distance[np.isfinite(distance)]
     return max(float(np.median(distance)), 1e-12) if len(distance) else 1.0
@@ -410,7 +410,7 @@ class _Problem:
         return reflection[:, :, :3]
 
     def part(self, group: _Group) -> _Problem:
-        """The cameras and points of a group."""
+        """Return the cameras and points of a group."""
         run = group.run
         return replace(
             self,
@@ -421,7 +421,7 @@ class _Problem:
         )
 
     def local(self, frame: int, points: np.ndarray) -> np.ndarray:
-        """Homogeneous `points (n, 4)` in the axes of a camera, `(3, n)`, scaled by the length of the homogeneous vector."""
+        """Return homogeneous `points (n, 4)` in the axes of a camera, `(3, n)`, scaled by the length of the homogeneous vector."""
         return self.rotation[frame] @ (points[:, :3] - points[:, 3:] * self.center[frame]).T
 
     def moved(self, cameras: np.ndarray, focal: float, points: np.ndarray, config: BundleConfig) -> _Problem:
@@ -441,7 +441,7 @@ class _Problem:
         )
 
     def centred(self) -> _Problem:
-        """The same with the middle camera at the origin, the median inverse distance 1 and the mean zoom 1."""
+        """Return the same with the middle camera at the origin, the median inverse distance 1 and the mean zoom 1."""
         shift = self.center[len(self.center) // 2]
         xyz = self.points[:, :3] - self.points[:, 3:] * shift
         inverse = self.points[:, 3] / np.maximum(np.linalg.norm(xyz, axis=1), 1e-9)
@@ -466,7 +466,7 @@ def _robust(squared: np.ndarray, config: BundleConfig) -> np.ndarray:
 
 
 def _costs(problem: _Problem, observations: Observations, config: BundleConfig) -> np.ndarray:
-    """(F,) cost of the sightings of every frame."""
+    """Return (F,) cost of the sightings of every frame."""
     if open_library()[0] is None:
         return _plain_costs(problem, observations, config)
     costs = np.empty(len(problem.center))
@@ -486,7 +486,7 @@ def _plain_costs(problem: _Problem, observations: Observations, config: BundleCo
 
 
 def _sightings(problem: _Problem, observations: Observations, config: BundleConfig, **outputs: np.ndarray) -> Any:
-    """What the compiled sums read, with the arrays that they write."""
+    """Return the problem of the compiled sums: what they read, and in `outputs` the arrays that they write."""
     return SIGHTINGS(
         count=len(observations.frame),
         frames=len(problem.center),
@@ -512,12 +512,12 @@ def _sightings(problem: _Problem, observations: Observations, config: BundleConf
 
 
 def _depth_prior(config: BundleConfig) -> float:
-    """Fraction of the squared error that inverse distances which vary by their median must save."""
+    """Return the fraction of the squared error that inverse distances which vary by their median must save."""
     return DEPTH_PRIOR / config.relief**2
 
 
 def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float:
-    """Cost of what is believed beforehand, in units of `belief`."""
+    """Return the cost of what is believed beforehand, in units of `belief`."""
     cost = np.mean((problem.inverse_distance - 1) ** 2) * _depth_prior(config) if config.refine_centers else 0.0
     if config.refine_centers:
         cost += PATH_PRIOR * np.mean((problem.center**2).sum(1))
@@ -529,7 +529,7 @@ def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float
 
 
 def _bends(frames: int) -> np.ndarray:
-    """`(F, F)` matrix of second differences over the frames, and the mean, which is held at 0; all over the root of F."""
+    """Return `(F, F)` matrix of second differences over the frames, and the mean, which is held at 0; all over the root of F."""
     rows = np.zeros((frames, frames))
     for row in range(frames - 2):
         rows[row, row : row + 3] = 1, -2, 1
@@ -553,7 +553,7 @@ class _Linear(NamedTuple):
 def _linearise(
     problem: _Problem, frame: int, seen: Observations, tangents: np.ndarray, config: BundleConfig
 ) -> _Linear:
-    """Derivatives of the sightings `seen` of a frame; `tangents (P, 4, 3)` of the problem.
+    """Return the derivatives of the sightings `seen` of a frame; `tangents (P, 4, 3)` of the problem.
 
     Sightings are the last axis: numpy works on long rows, faster than on as many small matrices.
     """
@@ -603,7 +603,7 @@ class _Sums(NamedTuple):
 
 
 def _sums(problem: _Problem, observations: Observations, config: BundleConfig, held_points: bool = False) -> _Sums:
-    """The sums at `problem`; of points that are held nothing need be added up."""
+    """Return the sums at `problem`; of points that are held nothing need be added up."""
     if open_library()[0] is None:
         return _plain_sums(problem, observations, config)
     sums = _Sums.none(len(problem.center), 0 if held_points else len(problem.points), config)
@@ -651,7 +651,7 @@ class _Group(NamedTuple):
 
 
 def _grouped(observations: Observations, count: int) -> list[_Group]:
-    """The `count` points in groups by the first and the last frame that see them, in steps of `RUN_STEP`."""
+    """Return the `count` points in groups by the first and the last frame that see them, in steps of `RUN_STEP`."""
     first, last = np.full(count, np.iinfo(np.int64).max), np.zeros(count, np.int64)
     np.minimum.at(first, observations.point, observations.frame)
     np.maximum.at(last, observations.point, observations.frame)
@@ -685,11 +685,11 @@ class _NormalEquations(NamedTuple):
     point_gradient: np.ndarray
     """(P, 3)."""
     coupling: list[tuple[_Group, np.ndarray]]
-    """Of every group `(3, 6f+1, n)` between its f cameras, with the focal length of all, and its n points."""
+    """Coupling `(3, 6f+1, n)` of every group between its f cameras, with the focal length of all, and its n points."""
 
 
 def _normal_equations(problem: _Problem, groups: list[_Group], config: BundleConfig, belief: float) -> _NormalEquations:
-    """The normal equations of half the cost at `problem`, its priors included."""
+    """Return the normal equations of half the cost at `problem`, its priors included."""
     frames, each = len(problem.center), config.unknowns
     size, count = each * frames, len(problem.points)
     blocks, slopes = np.zeros((frames, 7, 7)), np.zeros((frames, 7))
@@ -768,7 +768,7 @@ def _solve(equations: _NormalEquations, damping: float, cameras: int) -> tuple[n
 
 
 def _eliminated(coupling: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """`(3, m, n)`: the coupling of m unknowns and n points, times the upper triangles `root (n, 3, 3)`."""
+    """Return `(3, m, n)`: the coupling of m unknowns and n points, times the upper triangles `root (n, 3, 3)`."""
     parts = np.empty_like(coupling)
     for j in range(3):
         np.multiply(coupling[0], root[:, 0, j], out=parts[j])
@@ -778,7 +778,7 @@ def _eliminated(coupling: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _inverse_of_lower(lower: np.ndarray) -> np.ndarray:
-    """Inverses of lower triangles `(P, 3, 3)`; `numpy.linalg.inv` eliminates with pivots and takes 10 to 100 times as long."""
+    """Return the inverses of lower triangles `(P, 3, 3)`; `numpy.linalg.inv`, with pivots, takes 10 to 100 times as long."""
     (a, _, _), (b, c, _), (d, e, f) = np.moveaxis(lower, 0, -1)
     inverse = np.zeros_like(lower)
     inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 2, 2] = 1 / a, 1 / c, 1 / f

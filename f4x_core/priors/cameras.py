@@ -8,9 +8,9 @@
    in depth (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the
    clip is a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the
    focal length with them; frames that are missed are found from the points of the others (`trusted`), and sightings are
-   matched anew with one picture of their track (`rematch`). 6. Where what moves fills the picture's border, cameras of all
+   matched anew with one picture of their track (`rematch`). 6. Where moving objects fill the picture's border, cameras of all
    tracks are tried, too (`rigid`).
-7. What moving cameras explain as static is taken out of what moves (`second_look`).
+7. What moving cameras explain as static is taken out of the moving mask (`second_look`).
 
 Held-out frames are never looked at; how much real shake their interpolated cameras will miss is measured
 (`statistics["cameras"]["interpolation_px"]`).
@@ -55,6 +55,7 @@ from .second_look import join_resting, mask_in_doubt, release_static
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
+    ColmapSettings,
     Solution,
     choose_covering_points,
     mean_directions,
@@ -137,7 +138,7 @@ move fill it they explain .53."""
 INFINITY = 1e4
 """Distance, in radii of the camera's path, from which the path shifts nothing by as much as a tenth of a pixel."""
 MIN_TRACKS = 12
-"""With fewer static tracks than this the motion of the camera cannot be determined."""
+"""Static tracks that the motion of the camera needs at least."""
 
 
 def provide(
@@ -264,7 +265,7 @@ class _CameraProblem:
 
     @property
     def settings(self) -> CamerasConfig:
-        """Those of this stage."""
+        """Settings of this stage."""
         return self.config.cameras
 
     @property
@@ -289,13 +290,13 @@ class _CameraProblem:
         return np.array([self.priors.width, self.priors.height]) / 2
 
     def cues(self, frames: np.ndarray) -> DepthCues:
-        """Depth cues for the cameras of the supervised frames `frames`."""
+        """Return the depth cues for the cameras of the supervised frames `frames`."""
         depth = self.priors.scratch.get(SEEN_DEPTH) if self.priors.depth is None else self.priors.depth
         return DepthCues(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
 
 
 def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`tracks (F, N, 2)`, `visible (F, N)` and which tracks stand still `(N,)`; empty when there are none."""
+    """Return `tracks (F, N, 2)`, `visible (F, N)` and which tracks stand still `(N,)`; empty when there are none."""
     if priors.tracks is None or priors.tracks_visible is None:
         frames = len(priors.frames)
         return np.zeros((frames, 0, 2), np.float32), np.zeros((frames, 0), bool), np.zeros(0, bool)
@@ -305,7 +306,7 @@ def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, max_frames: int = 24) -> float:
-    """Largest median displacement in pixels of static tracks between any two of at most `max_frames` evenly spaced frames.
+    """Return the largest median displacement (pixels) of static tracks between two of at most `max_frames` evenly spaced frames.
 
     `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. NaN when no two frames share enough tracks.
     """
@@ -320,7 +321,7 @@ def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, ma
 
 
 def linked(visible: np.ndarray) -> bool:
-    """Whether all neighbouring frames share enough of the tracks `visible (F, N)` to tell how the camera turned between them."""
+    """Return True if all neighbouring frames share enough of the tracks `visible (F, N)` to tell the camera's turn between them."""
     shared = (visible[1:] & visible[:-1]).sum(1)
     fewer = np.minimum(visible[1:].sum(1), visible[:-1].sum(1))
     return bool((shared >= np.maximum(MIN_TRACKS, MIN_LINKED * fewer)).all())
@@ -334,7 +335,7 @@ def complete(
     times: np.ndarray,
     lens: BundleConfig | None = None,
 ) -> Solution:
-    """All frames registered and adjusted together on the solution's own observations and the static tracks.
+    """Return all frames registered and adjusted together on the solution's own observations and the static tracks.
 
     Missing frames start from the interpolated path, the ones next to a known camera first, and are resected. `lens`: whether
     the focal length is adjusted with them; held when left out.
@@ -368,7 +369,7 @@ def _settled(
     some: tuple[Observations, np.ndarray],
     lens: BundleConfig,
 ) -> Solution:
-    """The solution, adjusted anew on `some` of `every` sighting of static tracks while a frame is left that misses its own.
+    """Return the solution, adjusted anew on `some` of `every` sighting of static tracks while a frame is left that misses its own.
 
     In a long sweep what a far frame misses is the first to be dropped as an outlier, and nothing draws that frame back.
     """
@@ -385,17 +386,17 @@ def _settled(
 
 
 def _worst_frame(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> float:
-    """Pixels by which the frame that fits worst misses its sightings (median), the points of the `tracks` triangulated anew."""
+    """Return the pixels by which the worst frame misses its sightings (median), the points of `tracks` triangulated anew."""
     return float(np.nanmax(frame_errors(bundle, seen, len(tracks)), initial=0.0))
 
 
 def _triangulated_anew(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> Bundle:
-    """The cameras with one point for each of the `tracks`."""
+    """Return the cameras with one point for each of the `tracks`."""
     return replace(bundle, points=triangulate(bundle, seen, len(tracks))[0])
 
 
 def _with_points_ahead(bundle: Bundle, seen: Observations) -> Bundle:
-    """Points that rays meet behind a camera that saw them moved to infinity: rays which diverge by no more than noise."""
+    """Return the points with those behind a camera that saw them moved to infinity: their rays diverge by noise alone."""
     behind = np.zeros(len(bundle.points), bool)
     behind[seen.point[bundle.local(seen)[:, 2] <= 0]] = True
     middle = bundle.center.mean(0)
@@ -405,11 +406,11 @@ def _with_points_ahead(bundle: Bundle, seen: Observations) -> Bundle:
 
 
 def interpolation_error(bundle: Bundle, observations: Observations, times: np.ndarray) -> dict[str, float] | None:
-    """How far a frame's picture shifts, in pixels, when its camera is interpolated from the other frames.
+    """Return the error in pixels of cameras that are interpolated from the other frames; None for too few frames.
 
-    Leave one out, inner frames: median over the frame's points of the projection difference at the points' own depth;
-    then mean and 90th percentile over frames. On rendered truth it equals that of the true path:
-    it is real shake, which held-out cameras will miss.
+    Each inner frame is left out in turn; its error is the median, over its points, of the difference between the projections
+    by both cameras. The result has the mean and the 90th percentile over frames. On rendered truth it equals the error of the
+    true path: it is real shake, which held-out cameras will miss.
     """
     path = bundle.path(times, *(2 * bundle.principal).astype(int))
     errors = []
@@ -457,7 +458,7 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
 
 
 def _sharpened(job: _CameraProblem, solution: Solution) -> Solution:
-    """Return the solution adjusted on short tracks as well, if there is flow. Where it misses frames or had to grow, what stands
+    """Return the solution adjusted on short tracks as well, if there is flow. Where it misses frames or had to grow, the background
     is in doubt, and short tracks cannot tell."""
     priors, doubtful = job.priors, not solution.registered.all() or job.statistics.get("grown")
     if doubtful or priors.flow_forward is None or len(job.tracks) < MIN_SEEN:
@@ -500,7 +501,7 @@ def _rematched(job: _CameraProblem, solution: Solution) -> Solution:
 
 
 def _completed(job: _CameraProblem, solution: Solution) -> Solution:
-    """All frames of the solution, or of its rival where that explains the static tracks of all frames better.
+    """Return all frames of the solution, or of its rival where that explains the static tracks of all frames better.
 
     A sample of frames hardly tells the two apart where there is little translation. On scooter-black the errors of a sample
     differ by 2 % or 9 %, those of all frames by 40 to 60 %.
@@ -629,7 +630,7 @@ def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
 
 
 def _resolve_mirror(job: _CameraProblem, start: Solution) -> Solution | None:
-    """The solution, or its mirror image, adjusted on a sample of frames; None where no sample can be taken."""
+    """Return the solution, or its mirror image, adjusted on a sample of frames; None where no sample can be taken."""
     sample, frames = _sampled(start)
     if not len(sample.observations.frame):
         return None
@@ -654,7 +655,7 @@ def _resolve_mirror(job: _CameraProblem, start: Solution) -> Solution | None:
 
 
 def _with_sightings(job: _CameraProblem, solution: Solution) -> Solution:
-    """Cameras without points of their own get those of the static tracks, triangulated."""
+    """Return a solution whose cameras have points: without their own those of the static tracks, triangulated."""
     if len(solution.observations.frame):
         return solution
     seen, order = sightings(job.tracks, job.visible, job.static, 4 * SAMPLED_POINTS)
@@ -687,7 +688,7 @@ def _translates(job: _CameraProblem, moved: Solution) -> bool:
 
 
 def _search(job: _CameraProblem, start: Solution, translating: bool = True) -> tuple[Solution, dict[str, list[float]]]:
-    """`search_focal` among lenses of films, or with the one that is known."""
+    """Return `search_focal` among lenses of films, or with the one that is known."""
     width, side = job.priors.width, max(job.priors.width, job.priors.height)
     candidates = [focal * side / width for focal in FOCALS] if job.lens.refine_focal else [job.focal / width]
     return search_focal(start, width, candidates, translating, DEFAULT_FOCAL * side / width)
@@ -755,21 +756,22 @@ def _solve_keyframes(job: _CameraProblem, keyframes: np.ndarray) -> Solution | N
     # Features on the rim of a mover belong to it: its mask grows by 1 % of the width.
     margin = max(priors.width // 100, 1)
     masks = None if priors.mask is None else dilate_masks(priors.mask[keyframes], margin)
+    known = settings.focal is not None
     found = solve_with_colmap(
-        pictures, masks, job.focal, settings.focal is not None, settings.features, thread_count(), settings.seed
+        pictures, masks, ColmapSettings(job.focal, known, settings.features, thread_count(), settings.seed)
     )
     return None if found is None else _spread(found, keyframes, len(job.tracks))
 
 
 def _adjusted_pan(turning: Solution, focal: float) -> Solution:
-    """Rotations of all frames adjusted at the focal length found."""
+    """Return the rotations of all frames adjusted at the focal length found."""
     turning = refocused(turning, focal, translating=False)
     settings = BundleConfig(iterations=8, refine_focal=False, refine_centers=False)
     return replace(turning, bundle=adjust(turning.bundle, turning.observations, settings))
 
 
 def _static_camera(frames: int, focal: float, principal: np.ndarray, turns: np.ndarray | None = None) -> Solution:
-    """The camera that stands at the origin; `turns (F, 3, 3)`: its rotations, when left out it does not turn."""
+    """Return the camera that stands at the origin; `turns (F, 3, 3)`: its rotations, when left out it does not turn."""
     turns = np.tile(np.eye(3), (frames, 1, 1)) if turns is None else turns
     bundle = Bundle(focal, principal, turns, np.zeros((frames, 3)), np.zeros((0, 3)))
     nothing = Observations(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
@@ -777,18 +779,18 @@ def _static_camera(frames: int, focal: float, principal: np.ndarray, turns: np.n
 
 
 def _keyframes(frames: int, max_count: int) -> np.ndarray:
-    """Evenly spaced indices, first and last included, at most `max_count`."""
+    """Return evenly spaced indices, first and last included, at most `max_count`."""
     return evenly_spaced(frames, max_count)
 
 
 def _covered(registered: np.ndarray) -> float:
-    """Fraction of the clip between the first and the last registered frame."""
+    """Return the fraction of the clip between the first and the last registered frame."""
     known = np.flatnonzero(registered)
     return (known[-1] - known[0] + 1) / len(registered) if len(known) else 0.0
 
 
 def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
-    """A solution of keyframes as one of all frames."""
+    """Return a solution of keyframes as one of all frames."""
     rotation, center = np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3))
     registered = np.zeros(frames, bool)
     rotation[keyframes], center[keyframes] = solution.bundle.rotation, solution.bundle.center
@@ -798,7 +800,7 @@ def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
 
 
 def _limited_observations(solution: Solution, max_points: int) -> Observations:
-    """The solution's observations of at most `max_points` finite points that hold all its frames."""
+    """Return the solution's observations of at most `max_points` finite points that hold all its frames."""
     seen = solution.observations
     visible = seen.visible(len(solution.registered), len(solution.bundle.points))
     visible &= np.isfinite(solution.bundle.points).all(1) & (visible.sum(0) > 2)
@@ -808,7 +810,7 @@ def _limited_observations(solution: Solution, max_points: int) -> Observations:
 
 
 def _triangulated(bundle: Bundle, observations: Observations, registered: np.ndarray, offset: int) -> Bundle:
-    """Points from number `offset` on triangulated anew from the registered cameras."""
+    """Return the points from number `offset` on triangulated anew from the registered cameras."""
     seen = observations.keep(registered[observations.frame])
     points, _ = triangulate(bundle, seen, len(bundle.points))
     points[:offset] = bundle.points[:offset]
@@ -816,7 +818,7 @@ def _triangulated(bundle: Bundle, observations: Observations, registered: np.nda
 
 
 def _interpolated(bundle: Bundle, registered: np.ndarray, frames: np.ndarray, times: np.ndarray) -> Bundle:
-    """Cameras `frames` put on the smooth path through the registered ones."""
+    """Return the cameras `frames` put on the smooth path through the registered ones."""
     size = (2 * bundle.principal).astype(int)
     path = bundle.path(times, *size)
     known = replace(
@@ -835,7 +837,7 @@ def _interpolated(bundle: Bundle, registered: np.ndarray, frames: np.ndarray, ti
 
 
 def _first_camera_at_origin(bundle: Bundle) -> Bundle:
-    """The same geometry in the axes of the first camera."""
+    """Return the same geometry in the axes of the first camera."""
     turn, origin = bundle.rotation[0], bundle.center[0]
     return replace(
         bundle,
@@ -846,19 +848,19 @@ def _first_camera_at_origin(bundle: Bundle) -> Bundle:
 
 
 def _median_depth(solution: Solution) -> float:
-    """Median depth of the sightings; 1 without any."""
+    """Return the median depth of the sightings; 1 without any."""
     depth = solution.bundle.local(solution.observations)[:, 2]
     depth = depth[depth > 0]
     return float(np.median(depth)) if len(depth) else 1.0
 
 
 def _turns(path: CameraPath) -> np.ndarray:
-    """Angles between neighbouring cameras in radians, `(F - 1,)`."""
+    """Return the angles between neighbouring cameras in radians, `(F - 1,)`."""
     q = quaternion.from_matrix(path.world_to_camera[:, :3, :3])
     turn = quaternion.to_rotation_vector(quaternion.multiply(q[1:], quaternion.conjugate(q[:-1])))
     return np.linalg.norm(turn, axis=1)
 
 
 def _json(value: float) -> float | None:
-    """A rounded number, None where it is not finite."""
+    """Return a rounded number, None where it is not finite."""
     return round(float(value), 4) if np.isfinite(value) else None

@@ -19,7 +19,7 @@ class FlowConfig:
     """Dense optical flow between consecutive supervised frames."""
 
     provider: str = "classical"
-    """Who computes it (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
     preset: Literal["ultrafast", "fast", "medium", "fine"] = "fine"
     """OpenCV DIS: `ultrafast`, `fast`, `medium`, or `fine` (full resolution; half the error, twice the time)."""
     refine_iterations: int = 5
@@ -31,7 +31,7 @@ class TracksConfig:
     """Long point tracks."""
 
     provider: str = "classical"
-    """Who computes them (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
     count: int = 12000
     """Most tracks kept; the longest survive."""
     spacing: float = 8.0
@@ -57,16 +57,16 @@ class PeopleConfig:
     parts_every: int = 16
     """Frames between two whose parts are looked at, too, for people who are far away; a multiple of `every`."""
     moving_every: int = 16
-    """Frames between two in which what moves is looked at whichever way is up; a multiple of `every`.
+    """Frames between two in which moving objects are looked at whichever way is up; a multiple of `every`.
     Halved where that finds somebody."""
 
 
 @dataclass(frozen=True)
 class MotionConfig:
-    """Which pixels move by themselves."""
+    """Score and mask of the pixels that move by themselves."""
 
     provider: str = "classical"
-    """Who computes it (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
     gaps: tuple[int, ...] = (1, 2, 4, 8)
     """Distances in supervised frames (powers of two), used forward and backward, of the two-view tests."""
     threshold: float | None = None
@@ -78,7 +78,7 @@ class CamerasConfig:
     """Camera path of the supervised frames."""
 
     provider: str = "classical"
-    """Who computes it (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
     kind: Literal["static", "pan", "moving"] | None = None
     """`static`, `pan` or `moving`; None = decided from the static tracks."""
     focal: float | None = None
@@ -98,7 +98,7 @@ class DepthConfig:
     """Dense depth of the supervised frames."""
 
     provider: str = "classical"
-    """Who computes it (`providers.PROVIDERS`)."""
+    """Name of an entry of `providers.PROVIDERS`."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class PriorsConfig:
 
     @classmethod
     def of(cls, provider: str, **stages: Any) -> PriorsConfig:
-        """All stages done by one provider (`PriorsConfig.of("synthetic")`); `stages` replace whole stage configs.
+        """Return all stages done by one provider (`PriorsConfig.of("synthetic")`); `stages` replace whole stage configs.
 
         People are found by the networks beside `classical`, read from the truth beside `synthetic`, by nobody beside another.
         """
@@ -135,14 +135,14 @@ class PriorsConfig:
         return cls(**({**made, "people": PeopleConfig(provider=_finds_people(provider))} | stages))
 
     def with_provider(self, provider: str) -> PriorsConfig:
-        """The same settings with every stage done by `provider`."""
+        """Return the same settings with every stage done by `provider`."""
         stages = dict.fromkeys(("flow", "tracks", "motion", "cameras", "depth"), provider)
         stages["people"] = _finds_people(provider)
         return replace(self, **{name: replace(getattr(self, name), provider=one) for name, one in stages.items()})
 
 
 def _finds_people(provider: str) -> str:
-    """The provider of people beside the `provider` of all other stages."""
+    """Return the provider of people beside the `provider` of all other stages."""
     return {"classical": "networks", "synthetic": "synthetic"}.get(provider, "none")
 
 

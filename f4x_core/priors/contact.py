@@ -1,4 +1,4 @@
-"""Distance of what moves from the ground that it touches and from how its picture grows, over time."""
+"""Distances of moving objects from the ground that they touch and from how their pictures grow, over time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ BEHIND_WEIGHT = 0.02
 """Weight of a ground contact behind the object's depth: an object in the air is seen in front of farther ground, never behind
 nearer ground."""
 MIN_CONTACT_PIXELS = 8
-"""With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
+"""Free pixels below a moving region that a contact needs at least; else it takes the depth of its surroundings."""
 SIZE_NOISE, CONTACT_NOISE, PATH_NOISE = 0.04, 0.04, 0.004
 """Relative errors of the frame-to-frame size change and of one contact depth, and usual acceleration along the view as a fraction
 of the distance (per frame squared; 11 m/s^2 at five meters), used to smooth an object's depth. Chosen on people-cross, knight,
@@ -44,7 +44,7 @@ bounces .09, what passes before another mover .05; what walks or turns has .005 
 MIN_OBJECT_PIXELS = 30
 """Moving regions with fewer pixels per frame than this follow the static depth around them."""
 MOVING_MARGIN = 6
-"""Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
+"""Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of moving objects."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ class DepthMaps:
 
 
 def guessed_confidence(priors: Priors, certain: float) -> float:
-    """Confidence of an object's depth in a frame in which its contact is `certain` 0..1."""
+    """Return the confidence of an object's depth in a frame in which its contact is `certain` 0..1."""
     return MOVING_CONFIDENCE * certain if priors.camera_kind == "moving" else GUESS_CONFIDENCE
 
 
 def largest_piece(own: np.ndarray) -> np.ndarray:
-    """(H,W) bool: the largest connected piece of the region `own (H,W)`, where it touches the ground; others may be its shadow."""
+    """Return (H,W) bool: the largest connected piece of the region `own (H,W)`, which touches the ground; others may be shadows."""
     import cv2
 
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(own.astype(np.uint8))
@@ -75,13 +75,13 @@ def largest_piece(own: np.ndarray) -> np.ndarray:
 
 
 def inverse_around(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> float:
-    """Median inverse depth `(H,W)` of what stands around the region `own (H,W)`; of the whole frame where nothing does."""
+    """Return the median inverse depth `(H,W)` of the background around the region `own (H,W)`; without any, of the frame."""
     rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
     return float(np.median(inverse[rim] if rim.any() else inverse))
 
 
 def one_scale(ratio: np.ndarray, trust: np.ndarray, quantile: float = CONTACT_QUANTILE) -> float:
-    """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
+    """Return the factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
 
     The weighted `quantile` of what frames ask for: ground behind a body that is in the air asks for less.
     """
@@ -91,7 +91,7 @@ def one_scale(ratio: np.ndarray, trust: np.ndarray, quantile: float = CONTACT_QU
 
 
 def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, grown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth `(f,)` of one object over time, and its certainty 0..1.
+    """Return the inverse depth `(f,)` of one object over time, and its certainty 0..1.
 
     `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `grown (f - 1,)` logarithm of its
     change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so
@@ -133,13 +133,13 @@ class GroundEdge:
     """0..1."""
 
     def normal(self, intrinsics: np.ndarray) -> np.ndarray:
-        """(3,) direction up from the ground in the axes of the camera with `intrinsics (3, 3)`, of any length."""
+        """Return (3,) direction up from the ground in the axes of the camera with `intrinsics (3, 3)`, of any length."""
         (fx, _, cx), (_, fy, cy) = intrinsics[:2]
         return -np.array([self.plane[1] * fx, self.plane[2] * fy, self.plane @ (1, cx, cy)])
 
 
 def without_upright(edges: Sequence[GroundEdge | None], intrinsics: np.ndarray) -> list[GroundEdge | None]:
-    """The `edges` of a mover in f frames, None for those on something upright, as the side of a box, which hides its feet.
+    """Return the `edges` of a mover in f frames, None for those on something upright, as the side of a box, which hides its feet.
 
     All of them where hardly any is level: then depth is too poor to tell. intrinsics: (f, 3, 3).
     """
@@ -155,7 +155,7 @@ def without_upright(edges: Sequence[GroundEdge | None], intrinsics: np.ndarray) 
 
 
 def ground_edge(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray) -> GroundEdge | None:
-    """The ground that a region is seen in front of, carried up to its lower edge; None where too little of it is seen.
+    """Return the ground that a region is seen in front of, carried up to its lower edge; None where too little of it is seen.
 
     The ground is a plane, so its inverse depth is linear in the picture; it is fitted below the region, where flow is free.
     """

@@ -50,9 +50,9 @@ FLOW_OUTLIER_PX = 1.5
 MISS_LIMIT_PX = 5.0
 """A gap whose flow misses by more counts as a miss by this much."""
 PLAIN_NOISE, PLAIN_SAMPLES = 0.4, 300
-"""Where nothing is measured, inverse depth is that of a plane below and a wall above, give or take this much of the median; both
-are fitted to what is measured, against so many samples of the usual ones. With 20 of them doubtful ones decide: the water of
-blackswan, which mirrors what is far, lay behind its bank."""
+"""Uncertainty of unmeasured inverse depth, as a fraction of the median, and number of usual samples. Unmeasured depth is that of
+a plane below and a wall above; both are fitted to what is measured, against these usual samples. With 20 doubtful ones decide:
+the water of blackswan, which mirrors what is far, lay behind its bank."""
 TRACK_NOISE_PX = 0.4
 MAX_DEPTH = 50.0
 """Depths beyond this many median depths cannot be told apart; sky is put here."""
@@ -117,7 +117,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
 
 
 def _with_outlines(clip: Clip, priors: Priors, inverse: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """The mask `moving (F, H, W)` refined by what stands behind it, of `inverse (F, H, W)` depth; also `priors.mask`, `motion`."""
+    """Return the mask `moving (F, H, W)` refined by the background of `inverse (F, H, W)` depth; update `priors.mask`, `motion`."""
     assert priors.cameras is not None and priors.motion is not None
     mask = refine_mask(clip.frames[priors.frames], inverse, moving, shows_people(priors), priors.cameras)
     motion = np.where(mask & ~moving, np.maximum(priors.motion, JOINED_MOTION), priors.motion)
@@ -128,7 +128,7 @@ def _with_outlines(clip: Clip, priors: Priors, inverse: np.ndarray, moving: np.n
 def _before_standing_camera(
     clip: Clip, priors: Priors, cameras: CameraPath, statistics: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Guessed inverse depth and confidence `(F, H, W)` of the world before a camera that stands."""
+    """Return guessed inverse depth and confidence `(F, H, W)` of the world before a camera that stands."""
     world = guess_world(priors)
     statistics["guess"] = world.summary()
     whence = "where what moves touches it" if world.known else "where it usually lies, as little tells where it is"
@@ -140,7 +140,7 @@ def _before_standing_camera(
 def inverse_depth_from_flow(
     cameras: CameraPath, frame: int, pixels: np.ndarray, targets: list[tuple[int, np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth `(n,)` of static `pixels (n, 2)` of a frame, and its precision `(n,)` (1 / variance).
+    """Return the inverse depth `(n,)` of static `pixels (n, 2)` of a frame, and its precision `(n,)` (1 / variance).
 
     `targets` lists (other frame, where the pixels are seen there `(n, 2)`, weight `(n,)`). With the ray `r`, `x = R r +
     rho t` in the other camera and `(u, v)` the normalised sighting, `rho (t_x - u t_z) = u a_z - a_x`, `a = R r`, is linear
@@ -170,7 +170,7 @@ def inverse_depth_from_flow(
         squared = focal**2 * ((gain * inverse - offset) ** 2).sum(0)  # of the miss in pixels
         weight = given / (1 + squared / FLOW_OUTLIER_PX**2)
         inverse = (weight * along).sum(0) / np.maximum((weight * square).sum(0), 1e-20)
-    # What moves a little by itself meets no epipolar line at all gaps: the misses beyond noise tell how wrong the depth may be.
+    # A point that moves a little by itself meets no epipolar line at all gaps: misses beyond noise tell how wrong its depth may be.
     missed = (given * np.minimum(squared, MISS_LIMIT_PX**2)).sum(0) / np.maximum(given.sum(0), 1e-20)
     doubt = np.maximum(missed / FLOW_NOISE_PX**2, 1)
     # Errors of flow are shared by its gaps: the best gap tells the precision, more gaps only help against outliers.
@@ -179,7 +179,7 @@ def inverse_depth_from_flow(
 
 
 def epipolar_direction(cameras: CameraPath, frame: int, pixels: np.ndarray, others: list[int]) -> np.ndarray:
-    """(..., 2) along which `pixels (..., 2)` of a frame would shift with their depth, seen from the farthest of the frames
+    """Return (..., 2) along which `pixels (..., 2)` of a frame would shift with their depth, seen from the farthest of the frames
     `others`; 0 without any."""
     if not others:
         return np.zeros(pixels.shape)
@@ -193,7 +193,7 @@ def epipolar_direction(cameras: CameraPath, frame: int, pixels: np.ndarray, othe
 def fill_inverse_depth(
     inverse: np.ndarray, precision: np.ndarray, guide: np.ndarray, iterations: int = 60, curvature: float = CURVATURE
 ) -> np.ndarray:
-    """Inverse depth everywhere `(h, w)` from samples of different precision.
+    """Return the inverse depth everywhere `(h, w)` from samples of different precision.
 
     `guide (h, w)` are grey levels 0..255, whose steps `dI` count as `d = |dI| / EDGE_GREY`, or `(h, w, 3)`: levels whose steps
     `dS` are those of surfaces, how far these are trusted, `t` in 0..1, and grey levels: `d = t |dS| + (1 - t) |dI| / EDGE_GREY`.
@@ -245,7 +245,7 @@ def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dict[str, np.nd
 def _smooth_map(
     bands: dict[str, np.ndarray], weight: np.ndarray, sample: np.ndarray, start: np.ndarray, iterations: int
 ) -> np.ndarray:
-    """`(h, w)` where `(matrix of bands + weight) map = weight sample`, by conjugate gradients from `start`."""
+    """Return `(h, w)` where `(matrix of bands + weight) map = weight sample`, by conjugate gradients from `start`."""
     solution, (height, width) = np.array(start, np.float64, order="C"), start.shape
     arrays = {"weight": weight, "sample": np.ascontiguousarray(sample, np.float64), "solution": solution}
     F4X_SMOOTH_MAP(SMOOTHING(width=width, height=height, iterations=iterations, tolerance=MISS_LEFT, **bands, **arrays))
@@ -255,7 +255,7 @@ def _smooth_map(
 def _plain_smooth_map(
     bands: dict[str, np.ndarray], weight: np.ndarray, sample: np.ndarray, start: np.ndarray, iterations: int
 ) -> np.ndarray:
-    """The same by scipy."""
+    """Return the same by scipy."""
     count, width = weight.size, weight.shape[1]
     diagonal = (bands["itself"] + weight).ravel()
     matrix = dia_array((diagonal[None], [0]), shape=(count, count))
@@ -268,7 +268,7 @@ def _plain_smooth_map(
 
 
 def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarray:
-    """(3,h,w) entries of the normal matrix along rows of `levels` (h,w[,3]): of a pixel with itself, the next, the one after."""
+    """Return (3,h,w) entries of the normal matrix along rows of `levels` (h,w[,3]): with itself, the next, the one after."""
     steps = abs(np.diff(levels, axis=1))
     if levels.ndim == 3:
         trust = np.minimum(levels[:, 1:, 1], levels[:, :-1, 1])
@@ -291,7 +291,7 @@ def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarra
 
 
 def ground_prior(cameras: CameraPath) -> np.ndarray:
-    """Inverse depth `(F, H, W)` of a world that is near below and farther above, the same from every direction of view.
+    """Return the inverse depth `(F, H, W)` of a world that is near below and farther above, the same from every direction of view.
 
     Inverse distance is `0.7 + s`, s that of `below_horizon`.
     """
@@ -305,7 +305,7 @@ def ground_prior(cameras: CameraPath) -> np.ndarray:
 
 
 def mean_down(cameras: CameraPath) -> np.ndarray:
-    """(3,) unit vector in the world: down in the mean camera."""
+    """Return (3,) unit vector in the world: down in the mean camera."""
     down = cameras.world_to_camera[:, 1, :3].mean(0)
     return down / max(float(np.linalg.norm(down)), 1e-9)
 
@@ -345,7 +345,7 @@ def _static_depth(
     progress: Progress,
     statistics: dict[str, Any],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse depth and confidence `(F, H, W)` of the static world, also behind what moves or is not seen."""
+    """Return the inverse depth and confidence `(F, H, W)` of the static world, also where it is hidden or not seen."""
     import cv2
 
     assert priors.cameras is not None
@@ -392,12 +392,12 @@ SAMPLED = np.s_[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE]
 
 
 def sample_grid(height: int, width: int) -> np.ndarray:
-    """(h, w, 2) pixels (x, y) on which depth is measured."""
+    """Return (h, w, 2) pixels (x, y) on which depth is measured."""
     return pixel_grid(height, width)[SAMPLED].astype(np.float64)
 
 
 def between_samples(values: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(height, width) float32: `values (h, w)` on the `SAMPLED` pixels, linear between them.
+    """Return (height, width) float32: `values (h, w)` on the `SAMPLED` pixels, linear between them.
 
     A sample is the value of its own pixel. Taken as that of the square of pixels that it stands for it would lie half a pixel too
     high, and on ground seen at a grazing angle that is 1 % too near.
@@ -414,7 +414,7 @@ def between_samples(values: np.ndarray, height: int, width: int) -> np.ndarray:
 def _measure(
     clip: Clip, priors: Priors, config: PriorsConfig, pictures: np.ndarray, blocked: np.ndarray, progress: Progress
 ) -> list[Samples]:
-    """Samples of every frame from flow and tracks; none where `blocked (F, H, W)`."""
+    """Return the samples of every frame from flow and tracks; none where `blocked (F, H, W)`."""
     assert priors.cameras is not None
     cameras, flows, tracks = priors.cameras, long_flows(clip, priors, config, progress), track_samples(priors)
     grid = sample_grid(*blocked.shape[1:])
@@ -440,7 +440,7 @@ def _measure(
 def _targets(
     frame: int, flows: dict[int, np.ndarray], blocked: np.ndarray, grid: np.ndarray
 ) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """Where the grid's pixels are seen in other frames, with weight 0 where flow is inconsistent or lands on a mover."""
+    """Return (frame, pixels, weights) of the grid in each other frame; weight 0: flow is inconsistent or lands on a mover."""
     _, height, width = blocked.shape
     some = np.s_[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE]
     targets = []

@@ -53,7 +53,7 @@ class Foot:
 
 
 def touching_feet(body: Body, own: np.ndarray, moving: np.ndarray, edge: GroundEdge, camera: Camera) -> list[Foot]:
-    """The feet of the person `own (H, W)` bool that seem to stand on the ground `edge`, which does not move.
+    """Return the feet of the person `own (H, W)` bool that seem to stand on the ground `edge`, which does not move.
 
     moving: (H, W) bool, all that moves.
     """
@@ -100,7 +100,7 @@ def _lowest_pixels(body: Body, own: np.ndarray, moving: np.ndarray) -> dict[int,
 def standing_still(
     feet: Sequence[list[Foot]], cameras: CameraPath, frames: np.ndarray, size: np.ndarray
 ) -> list[list[Foot]]:
-    """The `feet` of each of the frames (f,) without those below which the ground runs; all of them where hardly any is left.
+    """Return the `feet` of each of the frames (f,) without those below which the ground runs; all of them where hardly any is left.
 
     size: (f,) a metre at the body, as a fraction of its distance.
     """
@@ -131,7 +131,7 @@ def on_their_feet(
     hips: np.ndarray,
     skin: float,
 ) -> list[Body]:
-    """The `bodies` in each of the frames (f,) with legs bent along the view until standing feet are where their ground is.
+    """Return the `bodies` in each of the frames (f,) with legs bent along the view until standing feet are where their ground is.
 
     size: as in `standing_still`; hips: (f,) inverse depth between them; skin: metres from a foot's joints to the ground seen below
     them, along the view.

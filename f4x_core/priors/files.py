@@ -85,7 +85,7 @@ def _require_people(priors: Priors, fixed: set[str], sources: dict[str, str]) ->
 
 
 def _read(name: str, path: Path, clip: Clip) -> Any:
-    """The array or camera path in a file or folder."""
+    """Return the array or camera path in a file or folder."""
     if not path.exists():
         raise F4xError(f"{path} (given for {name}) does not exist; correct the path.")
     if name == "cameras":
@@ -168,7 +168,7 @@ def _fit(name: str, value: Any, source: str, priors: Priors, clip: Clip) -> Any:
 
 
 def _fit_cameras(path: CameraPath, source: str, priors: Priors, supervised: np.ndarray, total: int) -> CameraPath:
-    """The cameras of the supervised frames at the clip's size."""
+    """Return the cameras of the supervised frames at the clip's size."""
     from ..geometry.camera import CameraPath
 
     if len(path) == total:
@@ -225,7 +225,7 @@ def _derive(priors: Priors, fixed: tuple[str, ...]) -> dict[str, Any]:
 
 
 def camera_kind(path: CameraPath) -> str:
-    """`static`, `pan` (turns about its centre) or `moving`, from poses in world units."""
+    """Return `static`, `pan` (turns about its centre) or `moving`, from poses in world units."""
     world_to_camera = path.world_to_camera
     rotation = world_to_camera[:, :3, :3]
     centers = -np.einsum("tji,tj->ti", rotation, world_to_camera[:, :3, 3])

@@ -2,7 +2,8 @@
 
 DIS loses pictures that shift by more than a tenth of their width. Where forward and backward flow disagree on much of a pair, as in
 a fast pan, it is looked for once more after the second picture was brought over the first one by a homography of matched
-features; every pixel takes whichever of the two explains its grey levels better, so that what moves with the camera keeps its flow.
+features; every pixel takes the one of the two that explains its grey levels better, so that objects that move along keep their
+flow.
 
 DIS goes from coarse to fine: a thing that moves by more than half its size against its surroundings is blurred away before the
 search could reach it, and gets their flow, in both directions alike. That flow misses the grey levels where the thing was and
@@ -68,7 +69,7 @@ Flow = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def dis(preset: str, refine_iterations: int) -> Flow:
-    """A function (grey (H,W) uint8, grey (H,W) uint8) -> flow (H,W,2) float32, pixels; F4xError: unknown preset."""
+    """Return a function (grey (H,W) uint8, grey (H,W) uint8) -> flow (H,W,2) float32, pixels; F4xError: unknown preset."""
     import cv2
 
     presets = {
@@ -95,7 +96,7 @@ def dis(preset: str, refine_iterations: int) -> Flow:
 
 
 def grey(frames: np.ndarray) -> np.ndarray:
-    """(F,H,W,3) uint8 RGB to (F,H,W) uint8."""
+    """Return (F,H,W,3) uint8 RGB to (F,H,W) uint8."""
     import cv2
 
     return np.stack([cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames])
@@ -133,7 +134,7 @@ def _plain_sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 @lru_cache(4)
 def pixel_grid(height: int, width: int) -> np.ndarray:
-    """(H,W,2) float32 pixel centres (x, y), not to be written to."""
+    """Return (H,W,2) float32 pixel centres (x, y), not to be written to."""
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     grid = np.stack([columns, rows], -1).astype(np.float32)
     grid.setflags(write=False)
@@ -141,7 +142,7 @@ def pixel_grid(height: int, width: int) -> np.ndarray:
 
 
 def look_up(image: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """`image` (H,W[,C]) float32 at `points` (h,w,2) in pixels (centres at +0.5), border repeated; `sample` on a grid, faster."""
+    """Return `image` (H,W[,C]) float32 at `points` (h,w,2) in pixels (centres at +0.5), border repeated: a faster `sample`."""
     import cv2
 
     target = (points - 0.5).astype(np.float32, copy=False)  # OpenCV counts from pixel centres
@@ -149,39 +150,39 @@ def look_up(image: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def warp(image: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """`image` (H,W[,C]) float32 looked up at p + flow(p), border repeated."""
+    """Return `image` (H,W[,C]) float32 looked up at p + flow(p), border repeated."""
     return look_up(image, pixel_grid(*flow.shape[:2]) + flow)
 
 
 def length(vectors: np.ndarray) -> np.ndarray:
-    """(...,2) -> (...): Euclidean length, several times faster than `np.linalg.norm` over so short an axis."""
+    """Return (...,2) -> (...): Euclidean length, several times faster than `np.linalg.norm` over so short an axis."""
     return np.hypot(vectors[..., 0], vectors[..., 1])
 
 
 def inside(points: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(...,2) -> (...) bool: within the picture, its edges included."""
+    """Return (...,2) -> (...) bool: within the picture, its edges included."""
     x, y = points[..., 0], points[..., 1]
     return (x >= 0) & (y >= 0) & (x <= width) & (y <= height)
 
 
 def consistent(there: np.ndarray, back: np.ndarray) -> np.ndarray:
-    """(H,W) bool: |f(p) + b(p+f)| < 0.5 (|f| + |b|) + 0.5 px (MoSca's test), and p + f inside the picture."""
+    """Return (H,W) bool: |f(p) + b(p+f)| < 0.5 (|f| + |b|) + 0.5 px (MoSca's test), and p + f inside the picture."""
     return agree(pixel_grid(*there.shape[:2]), there, warp(back, there), *there.shape[:2])
 
 
 def consistent_at(points: np.ndarray, there: np.ndarray, back: np.ndarray) -> np.ndarray:
-    """The same test at `points` (...,2) with flow `there` (...,2), against the dense flow `back` (H,W,2)."""
+    """Return the same test at `points` (...,2) with flow `there` (...,2), against the dense flow `back` (H,W,2)."""
     return agree(points, there, sample(back, points + there), *back.shape[:2])
 
 
 def agree(points: np.ndarray, there: np.ndarray, returned: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(...) bool: the same test of flow `there` (...,2) at `points` (...,2) and the flow back from there, `returned` (...,2)."""
+    """Return (...) bool: the same test of flow `there` (...,2) at `points` (...,2) and the flow `returned` (...,2) from there."""
     close = length(there + returned) < 0.5 * (length(there) + length(returned)) + 0.5
     return close & inside(points + there, height, width)
 
 
 def texture(picture: np.ndarray) -> np.ndarray:
-    """(H,W) in 0..1: how well flow can hold on to a grey `picture` (H,W), by the standard deviation of grey levels over 7 px."""
+    """Return (H,W) in 0..1: how well flow holds on to a grey `picture` (H,W), by the standard deviation of its levels over 7 px."""
     values = picture.astype(np.float32)
     mean = ndimage.uniform_filter(values, 7)
     spread = np.sqrt(np.maximum(ndimage.uniform_filter(values**2, 7) - mean**2, 0))
@@ -203,7 +204,7 @@ def texture_along(picture: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def best_of_cells(held: np.ndarray, side: int, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column of the largest pixel of every square cell of `held` (H,W), `side` pixels wide, where it is above `least`."""
+    """Return row and column of the largest pixel of every square cell of `held` (H,W), `side` pixels wide, if above `least`."""
     rows, columns = (size // side for size in held.shape)
     cells = held[: rows * side, : columns * side].reshape(rows, side, columns, side).swapaxes(1, 2)
     cells = cells.reshape(rows, columns, side * side)
@@ -213,12 +214,12 @@ def best_of_cells(held: np.ndarray, side: int, least: float) -> tuple[np.ndarray
 
 
 def compose(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Flow a -> c from the flows a -> b and b -> c, all (H,W,2) float32."""
+    """Return flow a -> c from the flows a -> b and b -> c, all (H,W,2) float32."""
     return first + warp(second, first)
 
 
 def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> dict[int, np.ndarray]:
-    """Signed gap -> (F,H,W,2) float16 flows from frame t to t + gap (zeros where that frame does not exist).
+    """Return signed gap -> (F,H,W,2) float16 flows from frame t to t + gap (zeros where that frame does not exist).
 
     Gaps are powers of two up to the longest that `config` asks for, each chained from two half ones: with good flow at
     gap 1 that was as accurate as flow computed anew over the gap, at a twentieth of the time. They live in unnamed
@@ -255,7 +256,7 @@ def _chain(flows: np.ndarray, gap: int, out: np.ndarray, frame: int) -> None:
 
 
 def scratch_array(shape: tuple[int, ...]) -> np.ndarray:
-    """A float16 array of zeros in an unnamed temporary file: long clips would not fit into memory."""
+    """Return a float16 array of zeros in an unnamed temporary file: long clips would not fit into memory."""
     size = 2 * math.prod(shape)
     try:
         with tempfile.TemporaryFile() as file:
@@ -294,7 +295,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
 def _after_homography(
     first: np.ndarray, second: np.ndarray, flow: Flow, there: np.ndarray, back: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The flows `there` and `back` (H,W,2), replaced where flow beyond the background's homography explains the pictures better."""
+    """Return the flows `there` and `back` (H,W,2), replaced where flow after the background's homography is better."""
     homography = _homography(first, second)
     if homography is None:
         return there, back
@@ -305,7 +306,7 @@ def _after_homography(
 
 
 def _homography(first: np.ndarray, second: np.ndarray) -> np.ndarray | None:
-    """(3,3) from the pixels of one picture to those of another by matched SIFT features; None where too few agree."""
+    """Return (3,3) from the pixels of one picture to those of another by matched SIFT features; None where too few agree."""
     import cv2
 
     sift = cv2.SIFT.create(FEATURES)
@@ -324,7 +325,7 @@ def _homography(first: np.ndarray, second: np.ndarray) -> np.ndarray | None:
 
 
 def _beyond(first: np.ndarray, second: np.ndarray, homography: np.ndarray, flow: Flow) -> np.ndarray:
-    """(H,W,2) flow whose start is a homography between the pixels (centres at 0) of two pictures."""
+    """Return (H,W,2) flow whose start is a homography between the pixels (centres at 0) of two pictures."""
     import cv2
 
     height, width = first.shape
@@ -341,7 +342,7 @@ def _beyond(first: np.ndarray, second: np.ndarray, homography: np.ndarray, flow:
 
 
 def _better(first: np.ndarray, second: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(H,W,2) per pixel the flow that misses the grey levels around it by less; one that leaves the picture misses most."""
+    """Return (H,W,2) per pixel the flow that misses the grey levels around it by less; one that leaves the picture misses most."""
     missed = []
     for candidate in (one, other):
         error = abs(warp(second.astype(np.float32), candidate) - first)
@@ -352,21 +353,21 @@ def _better(first: np.ndarray, second: np.ndarray, one: np.ndarray, other: np.nd
 
 @dataclass(frozen=True)
 class _Shift:
-    """How something in a box of the first picture moves to the second, pixels (x, y), (2,) each."""
+    """Motion, in pixels (x, y), of the content of a box `low` to `high` of the first picture to the second, (2,) each."""
 
     motion: np.ndarray
     low: np.ndarray
     high: np.ndarray
 
     def reversed(self) -> _Shift:
-        """The same, seen from the second picture."""
+        """Return the same, seen from the second picture."""
         return _Shift(-self.motion, self.low + self.motion, self.high + self.motion)
 
 
 def _find_lost(
     first: np.ndarray, second: np.ndarray, there: np.ndarray, back: np.ndarray, flow: Flow
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The flows `there` and `back` (H,W,2), replaced where something small moves that they miss."""
+    """Return the flows `there` and `back` (H,W,2), replaced where something small moves that they miss."""
     missed_there, missed_back = _missed(first, second, there), _missed(second, first, back)
     shifts = _shifts(first, second, there, missed_there > MISSED)
     shifts += [shift.reversed() for shift in _shifts(second, first, back, missed_back > MISSED)]
@@ -382,14 +383,14 @@ def _find_lost(
 
 
 def _slip(picture: np.ndarray) -> np.ndarray:
-    """(h,w) grey levels by which a `picture` (h,w) float32 changes over `SLIP` pixels."""
+    """Return (h,w) grey levels by which a `picture` (h,w) float32 changes over `SLIP` pixels."""
     import cv2
 
     return SLIP * cv2.magnitude(*(cv2.Scharr(picture, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))))
 
 
 def _missed(first: np.ndarray, second: np.ndarray, there: np.ndarray, low: Any = (0, 0)) -> np.ndarray:
-    """(h,w) mean grey levels by which flow `there` (h,w,2) misses `second` (H,W); `first` (h,w) begins at column and row `low`."""
+    """Return (h,w) mean grey levels by which flow `there` (h,w,2) misses `second` (H,W); `first` (h,w) begins at pixel `low`."""
     import cv2
 
     target, own = pixel_grid(*first.shape) + np.float32(low) + there, first.astype(np.float32)
@@ -399,7 +400,7 @@ def _missed(first: np.ndarray, second: np.ndarray, there: np.ndarray, low: Any =
 
 
 def _shifts(first: np.ndarray, second: np.ndarray, there: np.ndarray, lost: np.ndarray) -> list[_Shift]:
-    """How the largest regions of `lost` (H,W) bool probably move."""
+    """Return the probable motions of the largest regions of `lost` (H,W) bool."""
     import cv2
 
     size = first.shape[1] // COARSE, first.shape[0] // COARSE
@@ -430,14 +431,14 @@ def _shifts(first: np.ndarray, second: np.ndarray, there: np.ndarray, lost: np.n
 
 
 def _closed(region: np.ndarray) -> np.ndarray:
-    """(h,w) uint8 of bool, holes and gaps of up to four pixels filled."""
+    """Return (h,w) uint8 of bool, holes and gaps of up to four pixels filled."""
     import cv2
 
     return cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
 
 
 def _moved(picture: np.ndarray, by: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """`picture` (H,W) looked up at p + `by` (x, y) for the pixels of `shape` (h,w), border repeated."""
+    """Return `picture` (H,W) looked up at p + `by` (x, y) for the pixels of `shape` (h,w), border repeated."""
     import cv2
 
     move = np.array([[1, 0, by[0]], [0, 1, by[1]]], np.float64)
@@ -446,7 +447,7 @@ def _moved(picture: np.ndarray, by: np.ndarray, shape: tuple[int, ...]) -> np.nd
 
 
 def _best_shift(picture: np.ndarray, aligned: np.ndarray, region: np.ndarray, reach: int) -> np.ndarray | None:
-    """(2,) whole pixels up to `reach` that bring most of what is left over at a `region` (h,w) onto what is left over.
+    """Return (2,) whole pixels up to `reach` that bring most of what is left over at a `region` (h,w) onto what is left over.
 
     `aligned` (h,w) is the other picture laid over `picture` (h,w) by the motion of the surroundings. Where a thing was and
     where it goes the two differ, and nowhere else. None: nothing is left over, or it hardly moves (`KNOWN_SHIFT`).

@@ -99,7 +99,7 @@ class Priors:
     warnings: list[str] = field(default_factory=list)
     statistics: dict[str, Any] = field(default_factory=dict)
     scratch: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
-    """What providers share within one run (flows over longer gaps); never written."""
+    """Data that providers share within one run (flows over longer gaps); never written."""
 
     @classmethod
     def empty(cls, clip: Clip) -> Priors:
@@ -113,7 +113,7 @@ class Priors:
             self.warnings.append(message)
 
     def expected_shape(self, name: str) -> tuple[int | None, ...]:
-        """Shape that array `name` must have; None where the number of tracks is free."""
+        """Return the shape that array `name` must have; None where the number of tracks is free."""
         count = None if self.tracks is None else self.tracks.shape[1]
         sizes: dict[str, int | None] = {
             "F": len(self.frames),
@@ -273,17 +273,17 @@ class Priors:
 
 
 def file_of(folder: Path, name: str) -> Path:
-    """Where prior `name` lives."""
+    """Return the path of the file of prior `name`."""
     return folder / (f"{name}.json" if name == "cameras" else f"{name}.npy")
 
 
 def sources_in(folder: Path) -> dict[str, str]:
-    """The whole path of every prior's file, for `Priors.validate`."""
+    """Return the whole path of every prior's file, for `Priors.validate`."""
     return {name: str(file_of(folder, name)) for name in FIELDS}
 
 
 def read_head(folder: Path) -> dict[str, Any]:
-    """`priors.json` as a dict; F4xError when it is missing, damaged or too new."""
+    """Return `priors.json` as a dict; F4xError when it is missing, damaged or too new."""
     path = folder / "priors.json"
     try:
         head = load_json(path)
@@ -322,7 +322,7 @@ def _digest_bytes(data: bytes) -> str:
 
 
 def _encode(value: Any) -> bytes:
-    """The bytes of a file: `.npy` of an array, JSON of a camera path or of plain values."""
+    """Return the bytes of a file: `.npy` of an array, JSON of a camera path or of plain values."""
     if isinstance(value, np.ndarray):
         buffer = io.BytesIO()
         np.save(buffer, value, allow_pickle=False)

@@ -72,14 +72,14 @@ LIMBS = {
 
 
 def to_segments(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances `(n, s)` of `points (n, 2)` to segments `start, end (s, 2)`, and where along each the nearest point lies, 0..1."""
+    """Return the distances `(n, s)` of `points (n, 2)` to segments `start, end (s, 2)`, and the place of the nearest, 0..1."""
     along, away = end - start, points[:, None] - start
     part = np.clip((away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9), 0, 1)
     return np.linalg.norm(away - part[..., None] * along, axis=-1), part
 
 
 def turn_to_ray(joints: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) shortest rotation of the camera's z axis to the ray through between the hips of `joints (n, 33, 3)`.
+    """Return (n, 3, 3) shortest rotation of the camera's z axis to the ray through between the hips of `joints (n, 33, 3)`.
 
     It turns metres along that ray, as networks know them, into the axes of the camera. intrinsics: (3, 3), or (n, 3, 3).
     """

@@ -1,4 +1,4 @@
-"""How much the lens bends straight lines. Cameras here have straight lenses, so it is measured to be told.
+"""Measures how much a lens bends straight lines. Cameras of a scene do not bend any, so that a bent clip is reported.
 
 A pixel at x from the middle of the picture, in halves of its longer side, is where a straight lens would show it at
 `x (1 + bend |x|^2)` (one term of Brown, "Close-Range Camera Calibration", 1971). Action cameras have about .2. A straight lens
@@ -22,12 +22,12 @@ FRAMES, POINTS = 12, 300
 STEP, FARTHEST = 0.05, 0.4
 """Bends are tried in such steps as long as the error falls, up to the farthest: no rectilinear film is bent more."""
 MIN_BEND, MIN_SAVED = 0.03, 0.25
-"""It is told where the lens bends at least so much, and that takes this fraction of the error away."""
+"""Smallest bend of a lens that is reported, and fraction of the error that it must take away."""
 
 
 @dataclass(frozen=True)
 class Bend:
-    """What bends a picture."""
+    """Distortion of a lens."""
 
     bend: float
     """See above; positive: barrel, as of wide lenses, negative: pincushion."""
@@ -40,7 +40,7 @@ class Bend:
         return abs(self.bend) >= MIN_BEND and self.saved >= MIN_SAVED
 
     def advice(self, width: int, height: int) -> str:
-        """A sentence that says what to do with a film of this shape."""
+        """Return a sentence that says what to do with a film of this shape."""
         k1, k2 = self.ffmpeg(width, height)
         shape = "barrel" if self.bend > 0 else "pincushion"
         return (
@@ -63,7 +63,7 @@ class Bend:
 def measure(
     bundle: Bundle, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, config: BundleConfig
 ) -> Bend | None:
-    """The bend that explains static tracks best, from the cameras found with a straight lens; None with too few tracks.
+    """Return the bend that explains static tracks best, from the cameras found with a straight lens; None with too few tracks.
 
     `tracks (F,N,2)` pixels, `visible (F,N)`, `static (N,)`: all frames of `bundle`.
     """
@@ -93,13 +93,13 @@ def measure(
 
 
 def straightened(uv: np.ndarray, principal: np.ndarray, bend: float) -> np.ndarray:
-    """Pixels `uv (n,2)` as a straight lens shows them; `principal (2,)` is the middle of the picture."""
+    """Return the pixels `uv (n,2)` as a straight lens shows them; `principal (2,)` is the middle of the picture."""
     offset = (uv - principal) / principal.max()
     return principal + principal.max() * offset * (1 + bend * (offset**2).sum(1, keepdims=True))
 
 
 def _error(start: Bundle, seen: Observations, bend: float, config: BundleConfig) -> float:
-    """Mean robust error of the tracks, straightened, of adjusted cameras; in logarithms of squared pixels of the bent picture."""
+    """Return the mean robust error of straightened tracks under adjusted cameras; log of squared pixels of the bent picture."""
     straight = replace(seen, uv=straightened(seen.uv, start.principal, bend))
     points, _ = triangulate(start, straight, len(start.points))
     bundle = replace(start, points=np.where(np.isfinite(points), points, 1.0))

@@ -59,7 +59,7 @@ DEPENDENT_TRACKS = 10.0
 SURE, LIKELY = 4.6, 1.1
 """Log-odds of 99 : 1 and of 3 : 1."""
 NEIGHBOUR_PX, APPROACH_PX = 20.0, 0.1
-"""How far away, in a picture 480 wide, a track may be that hides another, and how fast they must approach per frame."""
+"""Largest distance between a track and one that it hides, and least speed of their approach per frame, in a picture 480 wide."""
 RIM_PX = 10.0
 """Tracks that end within so many pixels (480 wide) of the rim or of a mover do so for reasons of their own."""
 MIN_SAMPLES = 20
@@ -71,7 +71,7 @@ class Evidence:
     """One kind of evidence for which of two solutions is the right way round."""
 
     what: str
-    """Its name."""
+    """Name of the kind of evidence."""
     log_odds: float
     """Natural logarithm of the odds, positive in favour of the first solution."""
     detail: str
@@ -119,7 +119,7 @@ class Decision:
         return "sure" if self.margin >= SURE else "likely" if self.margin >= LIKELY else "toss-up"
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for the statistics of the priors."""
+        """Return plain values for the statistics of the priors."""
         return {
             "verdict": self.verdict,
             "chosen": "mirrored" if self.mirrored else "least error",
@@ -138,7 +138,7 @@ def adjust_coarse_to_fine(bundle: Bundle, observations: Observations, config: Bu
 
 
 def mirrored(bundle: Bundle) -> Bundle:
-    """The mirror image in depth: centres reflected at the middle camera's, inverse distance -> largest + smallest - it.
+    """Return the mirror image in depth: centres reflected at the middle camera's, inverse distance -> largest + smallest - it.
 
     Each camera is turned so that its points stay where they were seen, as well as a turn can do it.
     """
@@ -171,7 +171,7 @@ def choose_orientation(
     config = replace(config, robust_px=GRADUAL_PX[-1])
 
     def both(start: Bundle) -> tuple[Bundle, Bundle]:
-        """A start adjusted, and its mirror image."""
+        """Return a start adjusted, and its mirror image."""
         own = adjust_coarse_to_fine(start, observations, config)
         # At the coarsest scale a mirror image slips back to where it came from.
         return own, adjust_coarse_to_fine(mirrored(own), observations, config, first=1)
@@ -202,7 +202,7 @@ def decide(
 def compare_orientations(
     first: Bundle, second: Bundle, observations: Observations, config: BundleConfig, cues: DepthCues
 ) -> list[Evidence]:
-    """All evidence about two solutions of the same observations, positive in favour of `first`."""
+    """Return all evidence about two solutions of the same observations, positive in favour of `first`."""
     errors = [float(np.median(bundle.errors(observations))) for bundle in (first, second)]
     apart = _standard_errors(first, second, observations, config)
     found = [
@@ -247,7 +247,7 @@ class _TrackDepths:
 
 
 def _track_depths(bundle: Bundle, cues: DepthCues) -> _TrackDepths:
-    """Static tracks triangulated from the sampled cameras, and their inverse depth there."""
+    """Return the static tracks triangulated from the sampled cameras, and their inverse depth there."""
     frames, kept = cues.frames, np.flatnonzero(cues.static & (cues.visible[cues.frames].sum(0) > 2))
     frame, point = np.nonzero(cues.visible[frames][:, kept])
     uv = cues.tracks[frames][:, kept][frame, point].astype(np.float64)
@@ -261,7 +261,7 @@ def _track_depths(bundle: Bundle, cues: DepthCues) -> _TrackDepths:
 def _rating_evidence(
     what: str, weight: float, rate: Callable[..., float], first: Any, second: Any, *more: Any
 ) -> list[Evidence]:
-    """Evidence from `rate`, which rates one solution from -1 (wrong) to 1 (right); empty where either cannot be rated."""
+    """Return the evidence from `rate`, which rates a solution from -1 (wrong) to 1 (right); empty where either has no rating."""
     ratings = rate(first, *more), rate(second, *more)
     if not np.isfinite(ratings).all():
         return []
@@ -269,13 +269,13 @@ def _rating_evidence(
 
 
 def _agreement(a: Bundle, b: Bundle) -> float:
-    """Rank correlation of the distances of two solutions' points from their middle cameras."""
+    """Return the rank correlation of the distances of two solutions' points from their middle cameras."""
     distances = [np.linalg.norm(one.points - one.center[len(one.center) // 2], axis=1) for one in (a, b)]
     return rank_correlation(*distances)
 
 
 def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
-    """Mean rank correlation of image row and inverse depth over the frames, a clear one emphasised (`LOWER_CLEAR`)."""
+    """Return the mean rank correlation of image row and inverse depth over the frames, a clear one emphasised (`LOWER_CLEAR`)."""
     z = bundle.local(observations)[:, 2]
     found = []
     for frame in range(len(bundle.center)):
@@ -287,7 +287,7 @@ def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
 
 
 def _movers_in_front(dense: _TrackDepths, cues: DepthCues) -> float:
-    """Mean over the frames of +1 where the ground below a mover is nearer than what is beside its upper half, else -1."""
+    """Return the mean over frames of +1 where the ground below a mover is nearer than what is beside its upper half, else -1."""
     assert cues.mask is not None
     signs = []
     for frame in cues.frames:
@@ -308,7 +308,7 @@ def _movers_in_front(dense: _TrackDepths, cues: DepthCues) -> float:
 
 
 def _tracks_end_behind(first: _TrackDepths, second: _TrackDepths, cues: DepthCues) -> list[Evidence]:
-    """Tracks that end inside the picture while a neighbour approaches them: the neighbour is nearer."""
+    """Return the tracks that end inside the picture while a neighbour approaches them: the neighbour is nearer."""
     pairs = _endings(cues)
     if len(pairs) < MIN_SAMPLES:
         return []
@@ -328,7 +328,7 @@ def _tracks_end_behind(first: _TrackDepths, second: _TrackDepths, cues: DepthCue
 
 
 def _endings(cues: DepthCues) -> np.ndarray:
-    """(E, 3) int: sampled frame before a static track ends, the track, and the neighbour that comes nearest to it."""
+    """Return (E, 3) int: sampled frame before a static track ends, the track, and the neighbour that comes nearest to it."""
     tracks, visible, static = cues.tracks, cues.visible & cues.static, cues.static
     count, unit = len(tracks), _unit(cues)
     found = []
@@ -355,7 +355,7 @@ def _endings(cues: DepthCues) -> np.ndarray:
 
 
 def _inside(cues: DepthCues, frame: int) -> np.ndarray:
-    """(N,) bool: tracks away from the rim of the picture and from what moves."""
+    """Return (N,) bool: tracks away from the rim of the picture and from moving objects."""
     from scipy.ndimage import binary_dilation
 
     margin = RIM_PX * _unit(cues)
@@ -371,14 +371,14 @@ def _inside(cues: DepthCues, frame: int) -> np.ndarray:
 
 
 def _unit(cues: DepthCues) -> float:
-    """Pixels of this clip per pixel of a picture 480 wide."""
+    """Return the pixels of this clip per pixel of a picture 480 wide."""
     if cues.mask is not None:
         return max(cues.mask.shape[1:]) / 480
     return float(np.nanmax(cues.tracks, initial=1.0)) / 480
 
 
 def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
-    """Mean rank correlation of inverse depth with a depth prior over the frames."""
+    """Return the mean rank correlation of inverse depth with a depth prior over the frames."""
     assert cues.depth is not None
     found = []
     height, width = cues.depth.shape[1:]

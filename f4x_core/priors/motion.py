@@ -1,4 +1,4 @@
-"""Which pixels move by themselves: what a homography of the background leaves over, and parallax cannot explain.
+"""Finds pixels that move by themselves: a homography of the background leaves them over, and parallax cannot explain them.
 
 Two-view geometry at several frame gaps. The background is first explained by one homography per gap (exact for a turning
 camera or a flat scene). Epipolar geometry alone would be blind to everything that moves along with the camera, so what the
@@ -83,9 +83,9 @@ MAX_DYNAMIC_FRACTION = 0.6
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `motion`, `mask` and `tracks_motion`, and densify the tracks on what moves (provider `classical`).
+    """Fill `motion`, `mask` and `tracks_motion`, and densify the tracks on moving objects (provider `classical`).
 
-    A mask that is given decides what moves and where the dense tracks lie.
+    A mask that is given stays, and the dense tracks lie on it.
     """
     flows = long_flows(clip, priors, config, progress)
     everyone = shows_people(priors)
@@ -207,12 +207,12 @@ def motion_score(
 
 
 def both_ways(gaps: tuple[int, ...], frames: int) -> tuple[int, ...]:
-    """The gaps that a clip of `frames` has, ahead and back."""
+    """Return the gaps that a clip of `frames` has, ahead and back."""
     return tuple(sign * gap for gap in gaps for sign in (1, -1) if gap < frames)
 
 
 def border_of(rows: int, columns: int) -> np.ndarray:
-    """(rows,columns) bool: the frame around the picture."""
+    """Return (rows,columns) bool: the frame around the picture."""
     border = np.ones((rows, columns), bool)
     top, side = max(1, round(BORDER * rows)), max(1, round(BORDER * columns))
     border[top : rows - top, side : columns - side] = False
@@ -224,7 +224,7 @@ def _median(values: np.ndarray) -> float:
 
 
 def _off_homography(points: np.ndarray, flow: np.ndarray, good: np.ndarray, unit: float) -> tuple[np.ndarray, float]:
-    """(P,2) flow beyond the homography of the background, in pixels, and the fraction of inliers."""
+    """Return (P,2) flow beyond the homography of the background, in pixels, and the fraction of inliers."""
     import cv2
 
     fitted = np.nonzero(good)[0][::FITTED_EVERY]
@@ -243,12 +243,12 @@ def _off_homography(points: np.ndarray, flow: np.ndarray, good: np.ndarray, unit
 def _left_by_parallax(
     frames: np.ndarray, residual: np.ndarray, trust: np.ndarray, points: np.ndarray, unit: float
 ) -> np.ndarray:
-    """(f,K,P) what `_off_parallax` leaves of `residual (F,K,P,2)` in the frames `(f,)`."""
+    """Return (f,K,P) what `_off_parallax` leaves of `residual (F,K,P,2)` in the frames `(f,)`."""
     return np.stack(in_threads(lambda t: _off_parallax(residual[t], trust[t], points, unit, int(t)), frames))
 
 
 def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, unit: float, seed: int) -> np.ndarray:
-    """(K,P) pixels left when one relative depth per point explains its residuals (K,P,2) of all gaps.
+    """Return (K,P) pixels left when one relative depth per point explains its residuals (K,P,2) of all gaps.
 
     Model: r_k(x) = rho(x) (a_k + b_k (x - centre)): plane + parallax with the epipole at -a_k / b_k.
     """
@@ -286,7 +286,7 @@ def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, u
 
 
 def score_of_residuals(residual: np.ndarray, trust: np.ndarray, unit: float) -> np.ndarray:
-    """(F,K,P) pixels to (F,P) in 0..1: mean over the gaps of e / (e + noise)."""
+    """Return (F,K,P) pixels to (F,P) in 0..1: mean over the gaps of e / (e + noise)."""
     noise = NOISE_SCALE * np.median(residual, axis=-1, keepdims=True)
     noise = np.clip(noise, NOISE_PIXELS[0] * unit, NOISE_PIXELS[1] * unit)
     return (trust * residual / (residual + noise)).sum(1) / np.maximum(trust.sum(1), 1e-6)
@@ -302,7 +302,7 @@ def _evidence(missed: np.ndarray, enough: float) -> np.ndarray:
 
 
 def _near(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(F,K,h,w) mean of what is `known` of `values` over a square of `EVIDENCE_WINDOW` samples."""
+    """Return (F,K,h,w) mean of what is `known` of `values` over a square of `EVIDENCE_WINDOW` samples."""
     window = (0, 0, EVIDENCE_WINDOW, EVIDENCE_WINDOW)
     total = ndimage.uniform_filter(np.where(known, values, 0), window)
     return total / np.maximum(ndimage.uniform_filter(known.astype(np.float32), window), 1e-3)
@@ -311,7 +311,7 @@ def _near(values: np.ndarray, known: np.ndarray) -> np.ndarray:
 def _hidden(
     covering: np.ndarray, flow: dict[int, np.ndarray], residual: np.ndarray, gaps: tuple[int, ...]
 ) -> np.ndarray:
-    """(F,K,h,w) bool: the background's motion leads behind what is `covering (F,h,w)` in the other frame, a sample wide.
+    """Return (F,K,h,w) bool: the background's motion leads behind what is `covering (F,h,w)` in the other frame, a sample wide.
 
     flow: per gap (F,h,w,2) pixels; residual: (F,K,h*w,2) pixels beyond the background's motion.
     """
@@ -349,12 +349,12 @@ def _without_covered(
 
 
 def enlarge(coarse: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Samples every `STEP` pixels (offset STEP / 2) to (H,W) float32."""
+    """Return (H,W) float32 of samples every `STEP` pixels (offset STEP / 2)."""
     return sample(coarse, (pixel_grid(height, width) - STEP // 2 - 0.5) / STEP + 0.5).astype(np.float32)
 
 
 def _smooth_in_time(score: np.ndarray, flows: dict[int, np.ndarray]) -> np.ndarray:
-    """Mean of each frame's score with its neighbours' (half the weight), carried along the flow."""
+    """Return the mean of each frame's score with its neighbours' (half the weight), carried along the flow."""
     frames = len(score)
 
     def mean(t: int) -> np.ndarray:
@@ -366,7 +366,7 @@ def _smooth_in_time(score: np.ndarray, flows: dict[int, np.ndarray]) -> np.ndarr
 
 
 def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(F,H,W) float32: `tracks_motion` of the tracks (F,N,2) around each pixel, so that what rests for a while is kept."""
+    """Return (F,H,W) float32: `tracks_motion` of the tracks (F,N,2) around each pixel, so that what rests for a while is kept."""
     import cv2
 
     frames, height, width = score.shape
@@ -394,7 +394,7 @@ def find_threshold(score: np.ndarray) -> float:
 
 
 def cut_out(frames: np.ndarray, score: np.ndarray, threshold: float) -> np.ndarray:
-    """(F,H,W) bool: score above the threshold, cut along colour edges (GrabCut), without specks.
+    """Return (F,H,W) bool: score above the threshold, cut along colour edges (GrabCut), without specks.
 
     Empty when next to nothing is left. frames: (F,H,W,3) uint8.
     """
@@ -405,7 +405,7 @@ def cut_out(frames: np.ndarray, score: np.ndarray, threshold: float) -> np.ndarr
 
 
 def without_specks(mask: np.ndarray) -> np.ndarray:
-    """(H,W) bool: small gaps closed, small regions dropped."""
+    """Return (H,W) bool: small gaps closed, small regions dropped."""
     import cv2
 
     ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
@@ -415,7 +415,7 @@ def without_specks(mask: np.ndarray) -> np.ndarray:
 
 
 def _cut(frame: np.ndarray, score: np.ndarray, mask: np.ndarray, threshold: float) -> np.ndarray:
-    """(H,W) bool: `mask` moved to the colour edges of `frame` where the score leaves room for doubt."""
+    """Return (H,W) bool: `mask` moved to the colour edges of `frame` where the score leaves room for doubt."""
     import cv2
 
     size = max(mask.shape[1] // CUT_SCALE, 1), max(mask.shape[0] // CUT_SCALE, 1)
@@ -444,14 +444,14 @@ def _cut(frame: np.ndarray, score: np.ndarray, mask: np.ndarray, threshold: floa
 
 
 def _softened(mask: np.ndarray) -> np.ndarray:
-    """(F,H,W) float32: the mask with edges two pixels wide."""
+    """Return (F,H,W) float32: the mask with edges two pixels wide."""
     import cv2
 
     return np.stack(in_threads(lambda one: cv2.GaussianBlur(one.astype(np.float32), (0, 0), 2), mask))
 
 
 def tracks_motion(tracks: np.ndarray, visible: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """(N,) float32: mean of the larger half of `motion` (F,H,W) along the visible samples - what rests at times moves."""
+    """Return (N,) float32: mean of the larger half of `motion` (F,H,W) along the visible samples - what rests at times moves."""
     frames, count = visible.shape
     along = np.full((frames, count), -1.0)
     for t in range(frames):

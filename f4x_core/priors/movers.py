@@ -83,7 +83,7 @@ class _MovingObject:
     tracks: np.ndarray
     """(n,) indices of the tracks on it."""
     motion: OwnMotion | None = None
-    """Its structure, where it has one."""
+    """Structure of the region, where it has one."""
 
 
 def place_objects(
@@ -128,7 +128,7 @@ def place_objects(
 
 
 def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: Priors) -> dict[str, list[Any]]:
-    """`over_time` of `place_objects` for a placed object, `masks (f, H, W)` in the rows `frames (f,)` of the priors."""
+    """Return `over_time` of `place_objects` for a placed object, `masks (f, H, W)` in the rows `frames (f,)` of the priors."""
 
     def compare(i: int) -> tuple[float, float | None, bool]:
         f, own, edge = frames[i], owns[i], edges[i]
@@ -149,7 +149,7 @@ def _over_time(frames: np.ndarray, masks: np.ndarray, maps: DepthMaps, priors: P
 def _ground_edges(
     frames: np.ndarray, masks: Sequence[np.ndarray] | np.ndarray, maps: DepthMaps, priors: Priors
 ) -> list[GroundEdge | None]:
-    """The ground below a mover's masks (f, H, W) in the rows `frames (f,)` of the priors."""
+    """Return the ground below a mover's masks (f, H, W) in the rows `frames (f,)` of the priors."""
     assert priors.cameras is not None
 
     def find(i: int) -> GroundEdge | None:
@@ -166,7 +166,7 @@ def _row(number: int, frames: np.ndarray, decided_by: str, degrees: float, prior
 
 
 def _labels_of_tracks(labels: np.ndarray, priors: Priors) -> np.ndarray:
-    """(F, N) label under every visible track sample, 0 elsewhere."""
+    """Return (F, N) label under every visible track sample, 0 elsewhere."""
     if priors.tracks is None or priors.tracks_visible is None:
         return np.zeros((len(labels), 0), int)
     found = np.zeros(priors.tracks_visible.shape, int)
@@ -177,7 +177,7 @@ def _labels_of_tracks(labels: np.ndarray, priors: Priors) -> np.ndarray:
 
 
 def _tracks_mostly_inside(inside: np.ndarray, priors: Priors) -> np.ndarray:
-    """(N,) bool: tracks whose visible samples mostly lie `inside (F, N)`."""
+    """Return (N,) bool: tracks whose visible samples mostly lie `inside (F, N)`."""
     if priors.tracks_visible is None:
         return np.zeros(0, bool)
     hits = inside.sum(0)
@@ -223,7 +223,7 @@ def _in_one_component(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def _rigid_bodies(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
-    """The rigid bodies of a region, the one with most tracks first; the region itself where none is found."""
+    """Return the rigid bodies of a region, the one with most tracks first; the region itself where none is found."""
     found: list[_MovingObject] = []
     left = region.tracks
     while len(found) < MAX_BODIES and len(left) >= MIN_POINTS:
@@ -238,7 +238,7 @@ def _rigid_bodies(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
 
 
 def _is_separate_object(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors: Priors) -> bool:
-    """Whether tracks `some` mostly have each other as neighbours rather than `others`: a separate object, not limbs of one."""
+    """Return True if tracks `some` have each other as neighbours more than `others`: a separate object, no limbs of one."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     if len(some) < MIN_POINTS:
         return False
@@ -254,12 +254,12 @@ def _is_separate_object(some: np.ndarray, others: np.ndarray, frames: np.ndarray
 
 
 def _inliers_only(motion: OwnMotion) -> OwnMotion:
-    """The motion restricted to the tracks that follow the body."""
+    """Return the motion restricted to the tracks that follow the body."""
     return replace(motion, z=motion.z[:, motion.inliers], inliers=motion.inliers[motion.inliers])
 
 
 def _tracks_on(mover: _MovingObject, priors: Priors) -> TracksOnObject:
-    """The tracks of a moving object with the cameras of its frames."""
+    """Return the tracks of a moving object with the cameras of its frames."""
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.cameras is not None
     tracks = priors.tracks[np.ix_(mover.frames, mover.tracks)].astype(np.float64)
     visible = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)].copy()
@@ -336,7 +336,7 @@ def _bulge(mask: np.ndarray) -> np.ndarray:
 
 
 def _from_outline(mask: np.ndarray) -> np.ndarray:
-    """(H, W) float32 pixels from the pixels of `mask (H, W)` to its outline; the border of the picture is one, too."""
+    """Return (H, W) float32 pixels from the pixels of `mask (H, W)` to its outline; the border of the picture is one, too."""
     import cv2
 
     return cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
@@ -364,7 +364,7 @@ def _place_rigid_body(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> 
 
 
 def _relative_inverse(mover: _MovingObject, priors: Priors) -> list[np.ndarray]:
-    """Inverse depth of the body's pixels per frame (rows of the mask ascending), from its points seen there, in its unit."""
+    """Return the inverse depth of the body's pixels per frame (rows of the mask ascending), from its points seen there."""
     assert priors.tracks is not None and priors.tracks_visible is not None and mover.motion is not None
     seen = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)] & np.isfinite(mover.motion.z)
     known = seen.sum(1) >= MIN_FRAME_POINTS
@@ -383,7 +383,7 @@ def _relative_inverse(mover: _MovingObject, priors: Priors) -> list[np.ndarray]:
 
 
 def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Values `(n,)` known at `points (n, 2)` at the pixels `y, x (p,)`, never beyond the known ones."""
+    """Return the values `(n,)` known at `points (n, 2)` at the pixels `y, x (p,)`, never beyond the known ones."""
     every = -(-len(points) // MAX_KNOTS)
     smooth = RBFInterpolator(points[::every], values[::every], kernel="linear", smoothing=SMOOTH_PX)
     rows, columns = (np.arange(one.min(), one.max() + GRID_PX, GRID_PX) for one in (y, x))
@@ -396,7 +396,7 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
 def _contact(
     inverse: np.ndarray, moving: np.ndarray, own: np.ndarray, found: GroundEdge | None
 ) -> tuple[float, float, float]:
-    """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
+    """Return a region's inverse depth at its mean column, the relative change per column, and trust in both, 0..1.
 
     Nothing is behind the ground that it is seen in front of, so the region, an upright plane of inverse depth
     `a (1 + b (column - mean))`, lies above the ground's values on its lower edge and touches them at its feet; of all turns

@@ -1,4 +1,4 @@
-"""Moving people in the mask of what moves: they count whole, and what only seems to move beside them does not."""
+"""Moving people in the mask of moving objects: they count whole, and what only seems to move beside them does not."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ frames (J .54 -> .82)."""
 
 
 def shows_person(priors: Priors, person: int) -> np.ndarray:
-    """(F,H,W) bool: the pixels that show a person, numbered from 1."""
+    """Return (F,H,W) bool: the pixels that show a person, numbered from 1."""
     assert priors.people is not None and priors.people_probability is not None
     return (priors.people == person) & (priors.people_probability > SHOWN)
 
 
 def shows_people(priors: Priors) -> np.ndarray | None:
-    """(F,H,W) bool: the pixels that show somebody; None where nobody is known."""
+    """Return (F,H,W) bool: the pixels that show somebody; None where nobody is known."""
     if priors.people is None or priors.people_probability is None or not priors.people.any():
         return None
     return (priors.people > 0) & (priors.people_probability > SHOWN)
 
 
 def moving_people(mask: np.ndarray, priors: Priors) -> np.ndarray:
-    """(F,H,W) bool: all pixels of the people most of whom lie in the moving `mask (F,H,W)`."""
+    """Return (F,H,W) bool: all pixels of the people most of whom lie in the moving `mask (F,H,W)`."""
     found = np.zeros_like(mask)
     if priors.people_joints is None:
         return found
@@ -60,7 +60,7 @@ def moving_people(mask: np.ndarray, priors: Priors) -> np.ndarray:
 
 
 def walking_people(priors: Priors) -> np.ndarray:
-    """(F,H,W) bool: all pixels of the people whom no camera that moves explains as standing still, however small they are."""
+    """Return (F,H,W) bool: all pixels of people whom no moving camera explains as standing still, however small they are."""
     assert priors.cameras is not None
     found = np.zeros((len(priors.frames), priors.height, priors.width), bool)
     if priors.people_joints is None or not priors.people_joints.size:
@@ -78,7 +78,7 @@ def walking_people(priors: Priors) -> np.ndarray:
 
 
 def with_people(mask: np.ndarray, motion: np.ndarray, priors: Priors) -> np.ndarray:
-    """(F,H,W) bool: the moving `mask` with moving people whole, without doubtful regions that touch them or the border.
+    """Return (F,H,W) bool: the moving `mask` with moving people whole, without doubtful regions that touch them or the border.
 
     motion: (F,H,W) 0..1, how surely a pixel moves; a region's is its mean over all frames.
     """
@@ -101,7 +101,7 @@ def with_people(mask: np.ndarray, motion: np.ndarray, priors: Priors) -> np.ndar
 
 
 def dilate_masks(masks: np.ndarray, margin: int) -> np.ndarray:
-    """Masks (F,H,W) bool grown by a square of `margin` pixels to each side."""
+    """Return the masks (F,H,W) bool grown by a square of `margin` pixels to each side."""
     import cv2
 
     square = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)

@@ -1,7 +1,7 @@
-"""The outline of what moves, against what stands behind it.
+"""The outline of moving objects, against the background behind it.
 
 Motion tells outlines to within several pixels: flow bleeds over them, shadows move along, and thin legs are lost. Once the
-cameras and the depth of what stands are known, other frames show what is behind each pixel. What looks like it, up to
+cameras and the depth of the background are known, other frames show what is behind each pixel. What looks like it, up to
 a shadow, is not part of the mover; what is close beside the mask and looks otherwise is.
 """
 
@@ -23,25 +23,25 @@ LINE, UNSEEN = 1024, 999
 BLUR = 0.7
 """Gaussian (pixels) over which pictures are compared."""
 BESIDE = (20, 25)
-"""Pixels to the sides and up or down of the mask in which parts of what moves are looked for."""
+"""Pixels to the sides and up or down of the mask in which parts of moving objects are looked for."""
 COVERED, BETWEEN = 3, 20
-"""Pixels around the mask that do not show what stands; dents and gaps up to twice as many wide as the second do not either: of a
+"""Pixels around the mask that do not show the background; dents and gaps up to twice as many wide as the second do not either: of a
 plain back the mask may show the rim alone."""
-VIEWS, LEAST_GAP, LARGEST_GAP = 9, 4, 32
+VIEWS, MIN_GAP, MAX_GAP = 9, 4, 32
 """Frames that show what is behind, and their least and largest distance: a foot stands still for a few frames."""
 ROUNDS, SETTLED = 3, 0.5
 """Steps towards the place in another frame at which its depth agrees, and pixels that the last one may go."""
 WINDOW = 5
 """Side in pixels of the window in which background and picture are compared."""
 SHADOW = (0.3, 1.15)
-"""Factors by which light may change what stands."""
+"""Factors by which light may change the background."""
 PLAIN = (0.9, 1.1)
 """The same where no texture tells: with the light of shadows, the humps of a camel are its fence."""
 ALIKE, ALIKE_LEVELS, QUIET = 3.0, 2.5, 2.5
 """Pixels that differ by fewer times the noise, plus so many grey levels, look like the background; noise counts up to `QUIET`.
 From twice as much on, as on grass, only texture tells (`CORRELATED`)."""
 CORRELATED, TEXTURE = 0.85, 2.0
-"""Correlation from which the texture of what stands shows, where it has so many times the noise."""
+"""Correlation from which the texture of the background shows, where it has so many times the noise."""
 TINTED = 7
 """Side of the window in which pixels that are background times a factor belong to the shadow in it."""
 OTHER, OTHER_LEVELS = 4.0, 6.0
@@ -56,7 +56,7 @@ where it is large, and where it is small and more likely a shadow."""
 SHADED = 0.5
 """Correlation of a part with the background behind it from which it is that background in a shadow."""
 MIN_LEFT = 0.4
-"""With less of a frame's mask left, what was taken for the background is the mover itself, and the mask stays."""
+"""Fraction of a frame's mask that must be left; else the mover itself was taken for the background, and the mask stays."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class Background:
 def refine_mask(
     frames: np.ndarray, inverse: np.ndarray, mask: np.ndarray, people: np.ndarray | None, cameras: CameraPath
 ) -> np.ndarray:
-    """(F, H, W) bool: the moving `mask (F, H, W)` without shadows and halos, with thin parts beside it.
+    """Return (F, H, W) bool: the moving `mask (F, H, W)` without shadows and halos, with thin parts beside it.
 
-    frames: (F, H, W, 3) uint8; inverse: (F, H, W) float32 inverse depth of what stands; people: (F, H, W) bool, if known, pixels
+    frames: (F, H, W, 3) uint8; inverse: (F, H, W) float32 inverse depth of the background; people: (F, H, W) bool, if known, pixels
     that show somebody, who stay in the mask where they do not look like the background. Constants were chosen on
     people-walk, -turn and -cross, fox, orbit, demo, crossing, dog and camel (mean J .807 -> .842); on eleven other rendered clips
     it rises from .801 to .857, on seven other real ones from .764 to .777. Those of parts that masks lack (`_missing_parts`) were
@@ -121,7 +121,7 @@ def refine_mask(
 
 
 def _hiding(solid: np.ndarray) -> np.ndarray:
-    """(F, H, W) bool: pixels that do not show what stands, of `solid (F, H, W)` masks."""
+    """Return (F, H, W) bool: pixels that do not show the background, of `solid (F, H, W)` masks."""
     import cv2
 
     wide = np.ones((2 * BETWEEN + 1, 2 * BETWEEN + 1), np.uint8)
@@ -134,11 +134,11 @@ def draw_background(
 ) -> Background:
     """Return the background at the pixels `asked (H, W)` of a frame, from other frames of `pictures (F, H, W, 3)` uint8.
 
-    inverse: (F, H, W) inverse depth of what stands; covered: (F, H, W) bool, where it is not seen. Depth behind a mover is
+    inverse: (F, H, W) inverse depth of the background; covered: (F, H, W) bool, where it is not seen. Depth behind a mover is
     filled in, so the place in another frame is looked for along the ray until the depth there agrees.
     """
-    first, last = max(0, frame - LARGEST_GAP), min(len(inverse) - 1, frame + LARGEST_GAP)
-    others = [other for other in range(first, last + 1) if abs(other - frame) >= LEAST_GAP]
+    first, last = max(0, frame - MAX_GAP), min(len(inverse) - 1, frame + MAX_GAP)
+    others = [other for other in range(first, last + 1) if abs(other - frame) >= MIN_GAP]
     y, x = np.nonzero(asked)
     drawn = Background(np.zeros((*asked.shape, 3), np.float32), np.zeros(asked.shape, np.float32), np.zeros_like(asked))
     if not (len(x) and others):
@@ -164,7 +164,7 @@ def draw_background(
 def _along_rays(
     here: Camera, there: Camera, pixels: np.ndarray, rho: np.ndarray, inverse: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places `(2, ...)` where the camera `there` sees what stands at `pixels (2, ...)` of the camera `here`, and whether it does.
+    """Return pixels `(2, ...)` of the camera `there` for the background at `pixels (2, ...)` of `here`, and True where it sees it.
 
     rho: (...) first guess of the inverse depth from `here`; inverse: (H, W) inverse depth from `there`. All float32.
     """
@@ -186,7 +186,7 @@ def _along_rays(
 
 
 def _at(image: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(h, w[, C]) values of `image (H, W[, C])` at `place (2, h, w)` in pixels, of its dtype."""
+    """Return (h, w[, C]) values of `image (H, W[, C])` at `place (2, h, w)` in pixels, of its dtype."""
     return look_up(image, np.moveaxis(place, 0, -1))
 
 
@@ -220,10 +220,10 @@ def _refined(
 def _missing_parts(
     picture: np.ndarray, behind: Background, kept: np.ndarray, same: np.ndarray, tinted: np.ndarray
 ) -> np.ndarray:
-    """(H, W) bool: parts of a mover that its mask lacks as a whole: regions of `picture (H, W, 3)` that do not look like the
+    """Return (H, W) bool: parts of a mover that its mask lacks as a whole: regions of `picture (H, W, 3)` that do not look like the
     background, touch what is `kept (H, W)` of the mask and end where the background shows, `same (H, W)`.
 
-    A ball that rolls moves as what stands behind it on one side; no pixel of it need differ from all that is near.
+    A ball that rolls moves as the background behind it on one side; no pixel of it need differ from all that is near.
     """
     import cv2
 
@@ -284,7 +284,7 @@ def _like_background(
 
 
 def _opened(region: np.ndarray, side: int) -> np.ndarray:
-    """(H, W) uint8: the `region (H, W)` bool without what is narrower than `side` pixels."""
+    """Return (H, W) uint8: the `region (H, W)` bool without what is narrower than `side` pixels."""
     import cv2
 
     return cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))

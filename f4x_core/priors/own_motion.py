@@ -123,7 +123,7 @@ def _resolve_mirror(
 
 
 def _extent(observations: Observations, frames: int) -> float:
-    """Pixels by which sightings of one frame deviate from their middle (half of 16..84 %), mean of both axes and frames.
+    """Return the pixels by which sightings of one frame deviate from their middle (half of 16..84 %), mean of both axes and frames.
 
     NaN where no frame has more than three."""
     spans = [
@@ -135,7 +135,7 @@ def _extent(observations: Observations, frames: int) -> float:
 
 
 def _relief(bundle: Bundle, observations: Observations) -> float:
-    """How deep the body is against how wide and high it is (16..84 %), median over the frames."""
+    """Return the ratio of a body's depth to its width and height (16..84 %), median over the frames."""
     local, found = bundle.local(observations), []
     for frame in range(len(bundle.center)):
         here = local[observations.frame == frame]
@@ -147,7 +147,7 @@ def _relief(bundle: Bundle, observations: Observations) -> float:
 
 
 def _bulge(bundle: Bundle, observations: Observations, from_outline: np.ndarray) -> float:
-    """Mean rank correlation of nearness with the distance from the outline `(f, p)` over the frames, 0 if unknown."""
+    """Return the mean rank correlation of nearness with the distance from the outline `(f, p)` over the frames, 0 if unknown."""
     z, found = bundle.local(observations)[:, 2], []
     distance = np.minimum(from_outline[observations.frame, observations.point], OUTLINE_PX)
     for frame in range(len(bundle.center)):
@@ -166,12 +166,12 @@ def _turns_steadily(bundle: Bundle, world_to_camera: np.ndarray) -> bool:
 
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Angles `(f,)` between rotations `(f, 3, 3)` in radians."""
+    """Return the angles `(f,)` between rotations `(f, 3, 3)` in radians."""
     return 2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=(1, 2)) / np.sqrt(8), 0, 1))
 
 
 def _median_by(point: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Median of the values of each point, `(count,)`; infinite without any."""
+    """Return the median of the values of each point, `(count,)`; infinite without any."""
     order = np.lexsort((values, point))
     length = np.bincount(point, minlength=count)
     median, has = np.full(count, np.inf), length > 0
@@ -194,7 +194,7 @@ def _at_all_frames(
 
 
 def _in_every_frame(whole: Bundle, tracks: np.ndarray, seen: TracksOnObject, usual: float) -> OwnMotion | None:
-    """All tracks triangulated from all frames, and the depth of those that follow the body."""
+    """Return all tracks triangulated from all frames, and the depth of those that follow the body."""
     count = tracks.shape[1]
     frame, point = np.nonzero(seen.visible)
     sighted = Observations(frame, point, tracks[frame, point].astype(np.float64), np.ones(len(frame)))

@@ -39,7 +39,7 @@ class FittedPoints:
         return np.bincount(self.point, 1 / np.maximum(self.z, 1e-9), len(self.rms)) / np.maximum(count, 1)
 
     def rms_of_nearest(self, fraction: float) -> np.ndarray:
-        """(n,) pixels: as `rms`, of that fraction of each point's sightings that fits best."""
+        """Return (n,) pixels: as `rms`, of that fraction of each point's sightings that fits best."""
         order = np.lexsort((self.error, self.point))
         count = np.bincount(self.point, minlength=len(self.rms))
         rank = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
@@ -50,7 +50,7 @@ class FittedPoints:
 
 
 def fit_points(cameras: CameraPath, tracks: np.ndarray, seen: np.ndarray, rounds: int = 0) -> FittedPoints:
-    """The points nearest to the rays of `tracks (F,n,2)` in pixels in the frames in which they are `seen (F,n)`.
+    """Return the points nearest to the rays of `tracks (F,n,2)` in pixels in the frames in which they are `seen (F,n)`.
 
     In so many further `rounds` sightings that miss the point count less: tracks slip where something passes before them.
     """

@@ -1,7 +1,7 @@
-"""What one rigid world explains of a clip: in how much of the picture tracks are points, and which flow is the camera's.
+"""Tells the flow that the cameras explain from that of movers, by one rigid world behind all frames.
 
 Near things that stand still leave the homography of a far wall behind as movers do, and two pictures cannot tell the two apart
-(`motion`). What moves by itself rarely fills the border of the picture, so a mask that does is in doubt: then the cameras of
+(`motion`). A moving object rarely fills the border of the picture, so a mask that does is in doubt: then the cameras of
 all tracks are compared with those of what the mask leaves (`cameras`). Once the cameras are known, one inverse depth per pixel
 that explains its flow to all other frames tells that it stands still (`second_look`).
 """
@@ -33,7 +33,7 @@ LENS = 5.0
 """Inverse depth from which a thing seems to stand in the lens: still nearer to the camera some depth explains whatever runs along
 the camera's own way (blackswan's swan: 6 to 8), yet outdoors a wall that the camera walks along is as near (parkour's: 9 to 44)."""
 MAX_BEHIND = 1.0
-"""Most pixels of parallax (at a width of `REFERENCE_WIDTH`) by which what stands still may seem behind what is around it."""
+"""Most pixels of parallax (at a width of `REFERENCE_WIDTH`) by which a static pixel may seem behind those around it."""
 JUMP, GOES_ON, BESIDE = 8.0, 0.8, 2
 """Pixels of parallax up to which what lies so many samples beside a thing in the lens continues it, and the fraction of its
 outline, of what is known there, that has to. Chosen on blackswan, a dark copy of it, parkour and breakdance: the swan has .3 to .6,
@@ -53,7 +53,7 @@ MIN_AHEAD = 1e-3
 
 
 def fills_border(mask: np.ndarray) -> bool:
-    """Return True if `mask (F,H,W)` bool covers more of the border of the pictures than what moves by itself does."""
+    """Return True if `mask (F,H,W)` bool covers more of the border of the pictures than moving objects do."""
     return bool(mask[:, border_of(*mask.shape[1:])].mean() > MAX_MOVING_BORDER)
 
 
@@ -84,7 +84,7 @@ def explained_fraction(bundle: Bundle, tracks: np.ndarray, visible: np.ndarray) 
 def flow_beyond_cameras(
     cameras: CameraPath, mask: np.ndarray, flows: dict[int, np.ndarray], gaps: tuple[int, ...]
 ) -> np.ndarray:
-    """(F,h,w) float32 in 0..1 on every `STEP`-th pixel: how surely the flow there is not the cameras' own; 1 away from
+    """Return (F,h,w) float32 in 0..1 on every `STEP`-th pixel: how surely the flow there is not the cameras' own; 1 away from
     the mask.
 
     `mask (F,H,W)` bool; `flows`: signed gap -> (F,H,W,2) pixels, of which `gaps` count, both ways. One inverse depth per pixel
@@ -114,7 +114,7 @@ def flow_beyond_cameras(
         back = [consistent_at(here, one, flows[-gap][t + gap]) for one, gap in zip(flow, there, strict=True)]
         trust = np.where(back, 1.0, DOUBT)
         others = np.array([t + gap for gap in there])
-        fit = _fit_depth(cameras, t, others, here, here + flow.astype(np.float64), trust, unit)
+        fit = _fit_depth(cameras, _Matches(t, others, here, here + flow.astype(np.float64), trust), unit)
         by_itself = score_of_residuals(fit.left[None], trust[None], unit)[0]
         apart = _apart_from_the_rest(fit, around[t], near[t], by_itself) / unit
         found[t][around[t]] = np.where(not doubted and apart > MAX_BEHIND, 1, by_itself)
@@ -160,7 +160,7 @@ class _DepthFit:
 
 
 def _apart_from_the_rest(fit: _DepthFit, asked: np.ndarray, near: np.ndarray, by_itself: np.ndarray) -> np.ndarray:
-    """(P,) pixels of parallax by which the pixels `asked (h,w)` lie behind all that stands still around those that are
+    """Return (P,) pixels of parallax by which the pixels `asked (h,w)` lie behind all that stands still around those that are
     `near (h,w)` the mask, less than 0 before it; `by_itself (P,)` is the score of their flow. What is around lies infinitely
     far away where nothing is known of it.
 
@@ -182,14 +182,28 @@ def _apart_from_the_rest(fit: _DepthFit, asked: np.ndarray, near: np.ndarray, by
     return np.sign(apart) * np.maximum(np.abs(apart) - np.where(known, reach, 0), 0) * fit.sway
 
 
-def _fit_depth(
-    cameras: CameraPath, t: int, others: np.ndarray, here: np.ndarray, there: np.ndarray, trust: np.ndarray, unit: float
-) -> _DepthFit:
-    """The inverse depth of the pixels `here (P,2)` of frame t that lie at `there (K,P,2)`, trusted by `trust (K,P)`, in the
-    frames `others (K,)`.
+@dataclass(frozen=True)
+class _Matches:
+    """Pixels of one frame and where flow takes them in others."""
+
+    t: int
+    """Index of the frame."""
+    others: np.ndarray
+    """(K,) indices of the other frames."""
+    here: np.ndarray
+    """(P,2) pixels of frame t."""
+    there: np.ndarray
+    """(K,P,2) the same in the others."""
+    trust: np.ndarray
+    """(K,P) weights."""
+
+
+def _fit_depth(cameras: CameraPath, matches: _Matches, unit: float) -> _DepthFit:
+    """Return the inverse depth of pixels that explains best where they lie in other frames; `unit` pixels count as 1.
 
     A pixel at inverse depth rho lands at a + rho b in homogeneous pixels: times its third component that is linear in rho.
     """
+    t, others, here, there, trust = matches.t, matches.others, matches.here, matches.there, matches.trust
     relative = cameras.world_to_camera[others] @ np.linalg.inv(cameras.world_to_camera[t])
     lens = cameras.intrinsics[others]
     rays_here = np.column_stack([here, np.ones(len(here))]) @ np.linalg.inv(cameras.intrinsics[t]).T

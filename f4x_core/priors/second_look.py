@@ -1,9 +1,9 @@
-"""A second look at what moves, once the cameras are known: near things that a walking camera passes stand still.
+"""A second look at moving objects, once the cameras are known: near things that a walking camera passes stand still.
 
 Pairs of pictures cannot tell strong parallax from motion (`motion`). Long tracks can: one that a single point in space explains
-in all its frames, seen from angles that differ by many times its error, stands still, whatever its flow looked like. What moves by
-itself misses its best point by several pixels on every real clip tried. Where no track lasts, flow can: what one inverse depth
-per pixel explains over all gaps is the camera's motion (`rigid`).
+in all its frames, seen from angles that differ by many times its error, stands still, whatever its flow looked like. Tracks
+that move by themselves miss their best point by several pixels on every real clip tried. Where no track lasts, flow can: the part
+that one inverse depth per pixel explains over all gaps is the camera's motion (`rigid`).
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 MOST, ROUNDS = 0.75, 8
 """Fraction of a track's sightings that tell its error, those that fit best, and the rounds in which the others come to count
-less: a track slips in a few frames where something passes before it, what moves by itself misses its point in nearly all."""
+less: a track slips in a few frames where something passes before it, points that move by themselves miss it in nearly all."""
 MAX_ERROR = 0.1
 """Largest error of a static point as a fraction of what its track shifts by beyond the camera's turn."""
 MAX_UNUSUAL, MIN_LIMIT, BACKGROUND = 3.0, 0.6, 1000
 """Largest error of a static point over the median of the background's, of which so many are asked, and the pixels that pass in any
-case: some point explains what moves evenly past a camera within a pixel (.7 to .8 in a room of cards). Chosen on the even ones of
-28 furnished rooms: of the tracks on what stands still .56 pass, of those on movers .16 (.51 and .16 by the error of all sightings),
+case: a static point explains an even motion past a camera within a pixel (.7 to .8 in a room of cards). Chosen on the even ones of
+28 furnished rooms: of the static tracks .56 pass, of those on movers .16 (.51 and .16 by the error of all sightings),
 of the odd ones .67 and .02 (.60 and .11)."""
 IN_LENS = 1.75
 """The same where a point would stand in the lens (`rigid.LENS`), of all sightings: there most of what a camera follows
@@ -42,20 +42,20 @@ is met by chance. By three quarters of them half of blackswan's swan stood still
 background's error or more (13 times; 2.1 to 8 where the clip is dark and noisy), half of those on parkour's near walls by less
 than 1.8."""
 MIN_RELEASED, MIN_RELEASED_MASK = 0.05, 0.02
-"""Smallest fraction of the tracks on what moves that must stand still before they count, and of the mask before it is changed."""
+"""Smallest fraction of the moving tracks that must stand still before they count, and of the mask before it is changed."""
 FAR_SIGMA = 16.0
 """Gaussian (pixels) by which tracks vote, with `FAR_WEIGHT`, where none is near."""
 STANDING_VOTE = 2.0
 """Votes of a track that stands against one that moves: there are four times as many of these in a place, seeded at half the
 distance."""
 MIN_VOTE = 0.1 / (2 * np.pi * VOTE_SIGMA**2)
-"""Fewest votes that join a pixel to what moves: a tenth of one track at its own place."""
+"""Fewest votes that join a pixel to moving objects: a tenth of one track at its own place."""
 JOINED_MOTION = 0.75
 """Motion score of what joins the mask later: it rests for a while, or flow does not tell its outline."""
 
 
 def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> float:
-    """Take what stands still out of `mask`, `motion`, `tracks_motion`, put in who walks, and make the tracks on what is left anew.
+    """Take static pixels out of `mask`, `motion`, `tracks_motion`, add walking people, and make the tracks on what is left anew.
 
     Returns the fraction of the mask that was taken out. A mask that was given stays.
     """
@@ -88,7 +88,7 @@ def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
 
 
 def join_resting(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> float:
-    """Add to `mask` and `motion` what rests for a while and moves later, by its tracks, and make the tracks on what moves anew.
+    """Add to `mask` and `motion` what rests for a while and moves later, by its tracks, and make the tracks on moving objects anew.
 
     Returns by what fraction the mask grew. A mask that was given stays.
     """
@@ -119,7 +119,7 @@ def revise_mask(priors: Priors, mask: np.ndarray, motion: np.ndarray) -> None:
 
 
 def _with_resting(mask: np.ndarray, votes: np.ndarray) -> np.ndarray:
-    """(H,W) bool: the `mask (H,W)` with the pixels where `votes (H,W)` are for motion, and holes in which none are against it."""
+    """Return (H,W) bool: the `mask (H,W)` with pixels whose `votes (H,W)` are for motion, and holes without a vote against it."""
     joined = without_specks(mask | (votes > MIN_VOTE))
     holes, count = ndimage.label(ndimage.binary_fill_holes(joined) & ~joined)
     if not count:
@@ -140,7 +140,7 @@ def mask_is_given(priors: Priors) -> bool:
 
 
 def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
-    """(n,) bool: which of the tracks `asked (n,)` are one point in space, as nearly as the background's are."""
+    """Return (n,) bool: which of the tracks `asked (n,)` are one point in space, as nearly as the background's are."""
     assert priors.cameras is not None and priors.tracks is not None and priors.tracks_visible is not None
     assert priors.tracks_motion is not None
     rest = np.flatnonzero((priors.tracks_motion <= STATIC_TRACK) & (priors.tracks_visible.sum(0) >= MIN_FRAMES))
@@ -158,12 +158,12 @@ def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
 
 
 def _released(mask: np.ndarray, tracks: np.ndarray, visible: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """(F,H,W) bool: pixels of `mask (F,H,W)` around which most tracks (F,n,2) stand still (n,)."""
+    """Return (F,H,W) bool: pixels of `mask (F,H,W)` around which most tracks (F,n,2) stand still (n,)."""
     return (_votes(tracks, visible, np.where(stands, 1.0, -1.0), mask.shape[1:]) > 0) & mask
 
 
 def _votes(tracks: np.ndarray, visible: np.ndarray, vote: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
-    """(F,H,W) float32: what the tracks (F,n,2) around each pixel of pictures of `size (H, W)` vote, each its `vote (n,)`."""
+    """Return (F,H,W) float32: what the tracks (F,n,2) around each pixel of pictures of `size (H, W)` vote, each its `vote (n,)`."""
     import cv2
 
     height, width = size

@@ -104,13 +104,13 @@ def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
 
 
 def bearings(uv: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
-    """Unit viewing directions `(n, 3)` in camera axes."""
+    """Return unit viewing directions `(n, 3)` in camera axes."""
     local = np.concatenate([(uv - principal) / focal, np.ones_like(uv[:, :1])], axis=1)
     return local / np.linalg.norm(local, axis=1, keepdims=True)
 
 
 def rotation_between(a: np.ndarray, b: np.ndarray, focal: float, rounds: int = 8) -> tuple[np.ndarray, np.ndarray]:
-    """Robust rotation `(3, 3)` with `b ~ R a` of unit directions `(n, 3)`, and the residuals `(n,)` in pixels.
+    """Return robust rotation `(3, 3)` with `b ~ R a` of unit directions `(n, 3)`, and the residuals `(n,)` in pixels.
 
     Kabsch with Cauchy reweighting at the median residual: it follows the far majority and leaves parallax as residual.
     """
@@ -131,7 +131,7 @@ def solve_rotations(
     principal: np.ndarray,
     max_count: int = 1000,
 ) -> Solution:
-    """A camera that only turns: rotations chained over neighbouring frames, to be adjusted by the caller.
+    """Return a camera that only turns: rotations chained over neighbouring frames, to be adjusted by the caller.
 
     `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. Centres are zero and points lie at distance 1.
     """
@@ -186,7 +186,7 @@ def solve_with_tracks(
 def solve_with_depth(
     tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, depth: np.ndarray, focal: float | None, width: int
 ) -> tuple[Solution, dict[str, list[float]]]:
-    """Cameras from tracks and a depth prior: field-of-view search, chained alignments, points from depth.
+    """Return the cameras from tracks and a depth prior: field-of-view search, chained alignments, points from depth.
 
     `tracks (F, N, 2)`, `depth (F, H, W)` in any unit. Pairs of frames 10 and 20 apart are aligned by a similarity of their
     lifted tracks for every candidate field of view; the least symmetric reprojection error wins (as in MoSca).
@@ -234,20 +234,28 @@ def solve_with_depth(
     return Solution(bundle, observations, np.ones(len(tracks), bool)), search
 
 
-def solve_with_colmap(
-    pictures: Sequence[np.ndarray],
-    masks: np.ndarray | None,
-    focal: float,
-    focal_known: bool,
-    features: int,
-    threads: int,
-    seed: int,
-) -> Solution | None:
-    """Incremental mapping by pycolmap in a child process; None when pycolmap is missing or finds nothing.
+@dataclass(frozen=True)
+class ColmapSettings:
+    """Settings of incremental mapping by pycolmap."""
 
-    `pictures` are (H, W, 3) uint8 RGB, `masks (F, H, W)` bool is what moves and must be ignored, `focal` pixels. First
-    the focal length is held at the given value, which keeps turning cameras from collapsing; when that leaves frames
-    out and the value is only a guess, a second run solves for it.
+    focal: float
+    """Pixels."""
+    focal_known: bool
+    """`focal` is more than a guess."""
+    features: int
+    """At most this many per picture."""
+    threads: int
+    seed: int
+
+
+def solve_with_colmap(
+    pictures: Sequence[np.ndarray], masks: np.ndarray | None, settings: ColmapSettings
+) -> Solution | None:
+    """Return incremental mapping by pycolmap in a child process; None when pycolmap is missing or finds nothing.
+
+    `pictures` are (H, W, 3) uint8 RGB, `masks (F, H, W)` bool the moving pixels, which are ignored. First the focal length
+    is held at the given value, which keeps turning cameras from collapsing; when that leaves frames out and the value is
+    only a guess, a second run solves for it.
     """
     import cv2
 
@@ -266,14 +274,14 @@ def solve_with_colmap(
             "folder": name,
             "names": names,
             "pairs": [(i, i + gap) for gap in MATCH_GAPS for i in range(len(names) - gap)],
-            "focal": focal,
+            "focal": settings.focal,
             "refine_focal": False,
-            "max_features": features,
-            "threads": threads,
-            "seed": seed,
+            "max_features": settings.features,
+            "threads": settings.threads,
+            "seed": settings.seed,
         }
         best = _ask_colmap(request, (width, height))
-        if not focal_known and (best is None or best.registered.mean() < 0.9):
+        if not settings.focal_known and (best is None or best.registered.mean() < 0.9):
             free = _ask_colmap(request | {"refine_focal": True}, (width, height))
             plausible = free is not None and FOCALS[0] <= free.bundle.focal / max(width, height) <= FOCALS[-1]
             if plausible and (best is None or free.registered.sum() > best.registered.sum()):  # type: ignore[union-attr]
@@ -288,7 +296,7 @@ def search_focal(
     translating: bool = True,
     expected: float = DEFAULT_FOCAL,
 ) -> tuple[Solution, dict[str, list[float]]]:
-    """A sample of the solution adjusted at the focal length its observations prefer, and the curve of errors.
+    """Return a sample of the solution adjusted at the focal length its observations prefer, and the curve of errors.
 
     `candidates` and `expected` are in picture widths. For each the cameras and points of the sample are adjusted with the focal
     length held; `FOCAL_PRIOR` decides where the curve is flat (little parallax, little rotation).
@@ -310,7 +318,7 @@ def search_focal(
 
 
 def refocused(solution: Solution, focal: float, translating: bool = True) -> Solution:
-    """The solution with another focal length: rotations shrink or grow so that the picture turns as fast as before."""
+    """Return the solution with another focal length: rotations shrink or grow so that the picture turns as fast as before."""
     bundle, middle = solution.bundle, len(solution.bundle.rotation) // 2
     reference = bundle.rotation[middle]
     relative = quaternion.to_rotation_vector(quaternion.from_matrix(bundle.rotation @ reference.T))
@@ -344,19 +352,19 @@ def adjust_known(
 
 
 def mean_directions(bundle: Bundle, observations: Observations) -> np.ndarray:
-    """Unit mean directions of the sightings of each point in the world, `(P, 3)`; 0 for a point that nobody sees."""
+    """Return unit mean directions of the sightings of each point in the world, `(P, 3)`; 0 for a point that nobody sees."""
     directions = np.zeros_like(bundle.points)
     np.add.at(directions, observations.point, rays(bundle, observations))
     return directions / (np.linalg.norm(directions, axis=1, keepdims=True) + 1e-12)
 
 
 def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
-    """Points at distance 1 in the mean direction of their sightings: a world without depth."""
+    """Return the points at distance 1 in the mean direction of their sightings: a world without depth."""
     return replace(bundle, points=mean_directions(bundle, observations))
 
 
 def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.ndarray]:
-    """A smaller problem with the same geometry, and its frames: evenly spaced registered ones, and points that hold them all."""
+    """Return a smaller problem with the same geometry, and its frames: evenly spaced ones, and points that hold them all."""
     registered = np.flatnonzero(solution.registered)
     kept = registered[evenly_spaced(len(registered), frames)]
     finite = np.isfinite(solution.bundle.points).all(1)
@@ -370,7 +378,7 @@ def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.n
 
 
 def _structure(bundle: Bundle, observations: Observations, registered: np.ndarray) -> Bundle:
-    """Points triangulated from the registered frames; those with narrow rays or large errors are NaN."""
+    """Return the points triangulated from the registered frames; those with narrow rays or large errors are NaN."""
     seen = observations.keep(registered[observations.frame])
     points, spread = triangulate(bundle, seen, len(bundle.points))
     bundle = replace(bundle, points=points)
@@ -388,7 +396,7 @@ def _structure(bundle: Bundle, observations: Observations, registered: np.ndarra
 def _first_pair(
     tracks: np.ndarray, visible: np.ndarray, focal: float, principal: np.ndarray, seed: int
 ) -> tuple[int, int, np.ndarray, np.ndarray] | None:
-    """Two frames with parallax and their relative pose (first camera at the origin), or None."""
+    """Return two frames with parallax and their relative pose (first camera at the origin), or None."""
     import cv2
 
     best: tuple[float, int, int] | None = None
@@ -422,7 +430,7 @@ def _first_pair(
 
 
 def _next_frame(registered: np.ndarray, observations: Observations, bundle: Bundle) -> int | None:
-    """The unregistered frame that sees most known points, among those next to a registered one."""
+    """Return the unregistered frame that sees most known points, among those next to a registered one."""
     known = np.isfinite(bundle.points).all(1)
     count = np.bincount(observations.frame[known[observations.point]], minlength=len(registered))
     count = np.where(beside(registered) & ~registered, count, 0)
@@ -430,7 +438,7 @@ def _next_frame(registered: np.ndarray, observations: Observations, bundle: Bund
 
 
 def beside(chosen: np.ndarray) -> np.ndarray:
-    """(F,) bool: frames one before or behind a chosen one."""
+    """Return (F,) bool: frames one before or behind a chosen one."""
     near = np.zeros_like(chosen)
     near[1:] |= chosen[:-1]
     near[:-1] |= chosen[1:]
@@ -444,12 +452,12 @@ def _set_pose(bundle: Bundle, frame: int, rotation: np.ndarray, center: np.ndarr
 
 
 def _lift(uv: np.ndarray, z: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
-    """Points `(..., 3)` in camera axes."""
+    """Return the points `(..., 3)` in camera axes."""
     return np.concatenate([(uv - principal) / focal, np.ones_like(uv[..., :1])], axis=-1) * z[..., None]
 
 
 def _robust_alignment(a: np.ndarray, b: np.ndarray, with_scale: bool) -> tuple[float, np.ndarray, np.ndarray]:
-    """Similarity `b ~ s R a + t` with Cauchy weights relative to depth, so that far points do not dominate."""
+    """Return the similarity `b ~ s R a + t` with Cauchy weights relative to depth, so that far points do not dominate."""
     weight = 1 / b[:, 2] ** 2
     for _ in range(6):
         scale, rotation, shift = pose.align_similarity(a, b, weight, with_scale)
@@ -466,7 +474,7 @@ def _alignment_error(
     focal: float,
     principal: np.ndarray,
 ) -> float:
-    """Median symmetric reprojection error in pixels after aligning the lifted tracks of every pair, averaged."""
+    """Return the median symmetric reprojection error in pixels after aligning the lifted tracks of every pair, averaged."""
     errors = []
     for i, j in pairs:
         shared = visible[i] & visible[j]

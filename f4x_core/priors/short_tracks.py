@@ -40,7 +40,7 @@ class Neighbourhood:
     flows: Mapping[int, np.ndarray]
     """Gap in frames -> (F, H, W, 2) flow, with all of `GAPS`."""
     blocked: np.ndarray
-    """(F, H, W) bool: what moves."""
+    """(F, H, W) bool: moving pixels."""
 
     def sightings(self) -> Observations:
         """Return the sightings of one point of every cell of every frame that at least `MIN_SEEN` frames see."""

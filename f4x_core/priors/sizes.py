@@ -36,7 +36,7 @@ class DepthMap:
 
 
 def shrunk(clip: Clip, longer_side: int) -> Clip:
-    """The clip with pictures whose longer side has at most so many pixels: itself where they have."""
+    """Return the clip with pictures whose longer side has at most so many pixels: itself where they have."""
     if max(clip.width, clip.height) <= longer_side:
         return clip
     wanted = round(clip.width * longer_side / max(clip.width, clip.height))

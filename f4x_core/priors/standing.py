@@ -63,7 +63,7 @@ class Standing:
         return self.standing >= MIN_STANDING and self.covered >= MIN_COVERED and self.jitter <= self.limit
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for the statistics of the priors."""
+        """Return plain values for the statistics of the priors."""
         jitter = round(self.jitter, 3) if np.isfinite(self.jitter) else None
         fractions = {"standing": round(self.standing, 3), "covered": round(self.covered, 3)}
         return {"stands": self.stands, "jitter_px": jitter} | fractions
@@ -106,7 +106,7 @@ class StillnessTest:
         return Standing(float(standing), float(covered), float(jitter), MAX_JITTER_PX * self.unit)
 
     def turns(self, report: Callable[[int], None] | None = None) -> np.ndarray:
-        """(F, 3, 3) rotations from the axes of the first frame; exactly 1 where the jitter is noise.
+        """Return (F, 3, 3) rotations from the axes of the first frame; exactly 1 where the jitter is noise.
 
         `report` is called with the number of frames done.
         """
@@ -126,7 +126,7 @@ class StillnessTest:
         return turns
 
     def _find(self, reference: int, frame: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places `(n, 2)` of points of a reference in another frame, and whether they are found there `(n,)`."""
+        """Return the places `(n, 2)` of points of a reference in another frame, and whether they are found there `(n,)`."""
         import cv2
 
         if not len(points):
@@ -144,7 +144,7 @@ class StillnessTest:
         return there, (ahead[:, 0] > 0) & (behind[:, 0] > 0) & close
 
     def _rotation(self, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The turn that takes places `here (n, 2)` to `there (n, 2)`, and what it misses them by `(n,)` pixels."""
+        """Return the turn that takes places `here (n, 2)` to `there (n, 2)`, and what it misses them by `(n,)` pixels."""
         middle = np.array([self.width, self.height]) / 2
         a, b = (bearings(uv.astype(np.float64), self.focal, middle) for uv in (here, there))
         return rotation_between(a, b, self.focal)
@@ -166,7 +166,7 @@ class StillnessTest:
         return _Comparison(found, stands, covered, float(np.median(shift)) if len(shift) else np.inf)
 
     def _turn(self, reference: int, frame: int) -> np.ndarray:
-        """Rotation (3, 3) from the axes of a reference to those of another frame; 1 where too few points are found."""
+        """Return the rotation (3, 3) from the axes of a reference to those of another frame; 1 where too few points are found."""
         points = self.points[reference]
         there, found = self._find(reference, frame, points)
         if frame == reference or found.sum() < MIN_FOUND // 2:
@@ -194,5 +194,5 @@ class _Comparison:
 
     @property
     def fraction(self) -> float:
-        """Of the points found again, the fraction that stands; 0 where it tells nothing."""
+        """Fraction of the points found again that stand; 0 where it tells nothing."""
         return float(self.stands.sum() / self.found.sum()) if self.counts else 0.0

@@ -1,4 +1,4 @@
-"""Guess of the world before a camera that stands: a ground plane, and what stands upright on it.
+"""Guess of the world before a camera that stands: a ground plane, and upright objects on it.
 
 From one place no depth can be measured. What walks about shows the ground: on a plane the size of a thing in the picture is
 proportional to the rows between its lowest point and the horizon (Hoiem et al., "Putting Objects in Perspective", 2006).
@@ -78,7 +78,7 @@ class GuessedWorld:
     horizon: float
     """Row of the horizon, pixels."""
     horizon_error: float
-    """Its standard deviation, pixels."""
+    """Standard deviation of the horizon, pixels."""
     base: float
     """Row at which the background stands on the ground, pixels."""
     contacts: int
@@ -86,7 +86,7 @@ class GuessedWorld:
     people: bool
     """True where people are among them."""
     height: int
-    """Of the picture, pixels."""
+    """Height of the picture, pixels."""
 
     @property
     def known(self) -> bool:
@@ -94,15 +94,15 @@ class GuessedWorld:
         return self.horizon_error < KNOWN * HORIZON_SPREAD * self.height
 
     def down(self, camera: Camera) -> np.ndarray:
-        """(3,) unit vector: down in the axes of the camera that defines the world."""
+        """Return (3,) unit vector: down in the axes of the camera that defines the world."""
         focal, middle = camera.intrinsics[1, 1], camera.intrinsics[1, 2]
         down = np.array([0.0, 1.0, (middle - self.horizon) / focal])
         return down / np.linalg.norm(down)
 
     def inverse_depth(self, cameras: CameraPath, feet: np.ndarray | None = None) -> np.ndarray:
-        """(F, H, W) float32 inverse depth; the unit is that of the camera's height above the ground.
+        """Return (F, H, W) float32 inverse depth; the unit is that of the camera's height above the ground.
 
-        feet: (H,W) row of the foot of what stands upright at each pixel of the first frame, 0 where nothing does.
+        feet: (H,W) row of the foot of the upright object at each pixel of the first frame, 0 for none.
         """
         import cv2
 
@@ -126,23 +126,23 @@ class GuessedWorld:
         return np.stack(in_threads(draw, range(len(cameras))))
 
     def _below(self, row: float | np.ndarray, camera: Camera) -> Any:
-        """Inverse depth of the ground at a `row` of the picture, 0 above the horizon."""
+        """Return the inverse depth of the ground at a `row` of the picture, 0 above the horizon."""
         tilt = self.down(camera)
         return np.maximum(tilt[1] * (row - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1] + tilt[2], 0)
 
     def error(self) -> np.ndarray:
-        """(H,) relative error of the depth of the ground in every row; infinite above its end."""
+        """Return (H,) relative error of the depth of the ground in every row; infinite above its end."""
         below = np.arange(self.height) + 0.5 - self.horizon
         error = np.hypot(self.horizon_error / np.maximum(below, 1e-6), MIN_ERROR)
         return np.where(below + self.horizon > self.base, error, np.inf)
 
     def confidence(self) -> np.ndarray:
-        """(H,) 0..1 of every row: that of a guess, and of the ground as its error says where contacts tell it."""
+        """Return (H,) 0..1 of every row: that of a guess, and of the ground as its error says where contacts tell it."""
         known = 1 / (1 + PRECISION_OF_HALF * self.error() ** 2)
         return np.maximum(known, GUESS_CONFIDENCE) if self.known else np.full(self.height, GUESS_CONFIDENCE)
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for the statistics of the priors; rows in picture heights."""
+        """Return plain values for the statistics of the priors; rows in picture heights."""
         rows = {"horizon": self.horizon, "horizon_error": self.horizon_error, "base": self.base}
         found = {name: round(value / self.height, 3) for name, value in rows.items()}
         return found | {"known": self.known, "contacts": self.contacts, "people": self.people}
@@ -159,7 +159,7 @@ def slope(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
 
 
 def guess_world(priors: Priors) -> GuessedWorld:
-    """Guess the ground before a standing camera from what moves over it."""
+    """Guess the ground before a camera at rest from the objects that move over it."""
     contacts = find_contacts(priors)
     assert priors.cameras is not None
     intrinsics = priors.cameras.intrinsics[0]
@@ -173,7 +173,7 @@ def guess_world(priors: Priors) -> GuessedWorld:
 
 
 def find_horizon(contacts: Contacts, lens: Lens) -> tuple[float, float]:
-    """Row of the horizon and its standard deviation, in pixels.
+    """Return the row of the horizon and its standard deviation, in pixels.
 
     Mean and deviation over the rows that may be it: the logarithm of `true_size` is the same in a group, errors have long tails
     (who jumps, bends or is half hidden misses by much), and what is usual counts, too.
@@ -208,7 +208,7 @@ def true_size(row: np.ndarray, size: np.ndarray, scale: bool, horizon: np.ndarra
 
 
 def find_contacts(priors: Priors) -> Contacts:
-    """Feet of people, and lowest points of other moving objects, that are seen whole."""
+    """Return the feet of people, and lowest points of other moving objects, that are seen whole."""
     found = [_feet(priors), *_objects(priors)]
     kept = [found[0], *(one for one in found[1:] if len(one[0]) >= MIN_FRAMES)]
     groups = [np.full(len(row), number) for number, (row, _) in enumerate(kept)]
@@ -217,7 +217,7 @@ def find_contacts(priors: Priors) -> Contacts:
 
 
 def _feet(priors: Priors) -> tuple[np.ndarray, np.ndarray]:
-    """Rows `(n,)` of the lowest foot of people and pixels per metre at their bodies `(n,)`."""
+    """Return the rows `(n,)` of the lowest foot of people and pixels per metre at their bodies `(n,)`."""
     rows, sizes = [], []
     joints, metres = priors.people_joints, priors.people_metres
     if joints is None or metres is None:
@@ -235,7 +235,7 @@ def _feet(priors: Priors) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _objects(priors: Priors) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Lowest rows `(n,)` and heights `(n,)` of every moving object but people, in the frames in which it is seen whole.
+    """Return the lowest rows `(n,)` and heights `(n,)` of every moving object but people, in the frames in which it is seen whole.
 
     A piece of the mask that splits or joins another one goes on as a new object: its height is another one from there.
     """
@@ -262,7 +262,7 @@ def _objects(priors: Priors) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _large_pieces(mask: np.ndarray) -> tuple[np.ndarray, int]:
-    """Connected pieces of a `mask (H,W)` with enough pixels, numbered from 1 (0 elsewhere), and their count."""
+    """Return connected pieces of a `mask (H,W)` with enough pixels, numbered from 1 (0 elsewhere), and their count."""
     pieces, _ = ndimage.label(mask)
     large = np.bincount(pieces.ravel()) >= MIN_PIXELS
     large[0] = False

@@ -58,7 +58,7 @@ def join(samples: Samples, swept: Swept, free: np.ndarray) -> Joined:
 
 
 def errors(swept: Swept) -> np.ndarray:
-    """(h, w) standard deviation of swept inverse depth."""
+    """Return (h, w) standard deviation of swept inverse depth."""
     pixel = SWEPT_NOISE_PX / np.maximum(swept.gain, 1e-9)
     return np.sqrt((SWEPT_NOISE * swept.inverse) ** 2 + pixel**2 + (swept.spacing / 2) ** 2)
 
@@ -76,9 +76,9 @@ def reliability(samples: Samples, swept: Swept) -> float:
 
 
 def surface_guide(swept: Swept, trust: np.ndarray, free: np.ndarray, looks: np.ndarray) -> np.ndarray:
-    """(h, w, 3) guide of `depth.fill_inverse_depth`, with grey levels `looks (h, w)`.
+    """Return (h, w, 3) guide of `depth.fill_inverse_depth`, with grey levels `looks (h, w)`.
 
-    Behind what moves, where it is not `free (h, w)`, surfaces go on smoothly.
+    Behind moving objects, where it is not `free (h, w)`, surfaces go on smoothly.
     """
     inverse = np.where(free, swept.inverse, pyramid_mean(swept.inverse, trust * free))
     levels = np.log(np.maximum(inverse, 1e-9)) / SURFACE_STEP
@@ -86,7 +86,7 @@ def surface_guide(swept: Swept, trust: np.ndarray, free: np.ndarray, looks: np.n
 
 
 def pyramid_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Normalised convolution from coarse to fine: known values stay, holes take the mean of a growing neighbourhood."""
+    """Return normalised convolution from coarse to fine: known values stay, holes take the mean of a growing neighbourhood."""
     import cv2
 
     floor = 1e-3 * float(weight[weight > 0].mean()) if (weight > 0).any() else 1.0

@@ -1,4 +1,4 @@
-"""Inverse depth of what stands by a plane sweep between known cameras and semi-global matching.
+"""Inverse depth of the background by a plane sweep between known cameras and semi-global matching.
 
 Chained flow is precise on surfaces but smooth across silhouettes: there the far side is drawn to the near one. The sweep is
 coarser in depth, and sharp where depth jumps, so it tells which surface a pixel belongs to.
@@ -52,7 +52,7 @@ CONFIRMED = 2
 
 @dataclass(frozen=True)
 class Samples:
-    """Inverse depth of what stands in a frame as flow and tracks measure it, on every `stride`-th pixel."""
+    """Inverse depth of the background of a frame as flow and tracks measure it, on every `stride`-th pixel."""
 
     inverse: np.ndarray
     """(h, w)."""
@@ -100,7 +100,7 @@ def sweep(
 ) -> list[Swept]:
     """Sweep all frames of `pictures (F, H, W)` uint8, in which `hidden (F, H, W)` is not seen, as far as `samples` reach.
 
-    What moves is compared as all else is: masks reach beyond it, and of two sides of the path one mostly sees what it hides.
+    Moving pixels are compared as all others are: masks are too wide, and one of two sides of the path mostly sees behind a mover.
     """
     prepared = (DARKEST + pictures * ((255 - DARKEST) / 255)).astype(np.uint8)
     if hidden is not None:
@@ -129,7 +129,7 @@ def sweep(
 
 
 def _cost_at(costs: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(h, w) `costs (h, w, planes)` at the plane nearest to `place (h, w)`."""
+    """Return (h, w) `costs (h, w, planes)` at the plane nearest to `place (h, w)`."""
     at = np.clip(np.round(place), 0, costs.shape[2] - 1).astype(np.intp)
     return np.take_along_axis(costs, at[..., None], 2)[..., 0].astype(np.float32)
 
@@ -151,7 +151,7 @@ def compared_frames(cameras: CameraPath, frame: int, usual: float, spacing: floa
 def plane_costs(
     cameras: CameraPath, pictures: np.ndarray, frame: int, sides: list[list[int]], planes: np.ndarray, stride: int
 ) -> np.ndarray:
-    """(h, w, planes) int16: how little a frame looks like others, grey levels summed over a window and `VIEWS` frames.
+    """Return (h, w, planes) int16: how little a frame looks like others, grey levels summed over a window and `VIEWS` frames.
 
     What one side of the path cannot see the other mostly can: of the frames before and those after, the better ones count.
     """
@@ -174,7 +174,7 @@ def plane_costs(
 
 
 def _homographies(cameras: CameraPath, frame: int, other: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
-    """(3, 3) `A` and `B`: `A + rho B` takes samples (columns and rows from 0) of the plane of inverse depth `rho` to pixels
+    """Return (3, 3) `A` and `B`: `A + rho B` takes samples (columns and rows from 0) of the plane of inverse depth `rho` to pixels
     (from 0) of another frame."""
     here, there = cameras[frame], cameras[other]
     relative = there.world_to_camera @ here.camera_to_world
@@ -188,7 +188,7 @@ def _homographies(cameras: CameraPath, frame: int, other: int, stride: int) -> t
 
 
 def _shift(cameras: CameraPath, frame: int, other: int, size: tuple[int, int], stride: int) -> np.ndarray:
-    """(h, w) pixels per inverse depth by which samples of a frame begin to shift in another one."""
+    """Return (h, w) pixels per inverse depth by which samples of a frame begin to shift in another one."""
     far, near = _homographies(cameras, frame, other, stride)
     at = _places(*size)
     ahead, step = at @ far.T, at @ near.T
@@ -197,14 +197,14 @@ def _shift(cameras: CameraPath, frame: int, other: int, size: tuple[int, int], s
 
 
 def _places(height: int, width: int) -> np.ndarray:
-    """(h, w, 3): column and row of every sample, from 0, and 1."""
+    """Return (h, w, 3): column and row of every sample, from 0, and 1."""
     at = np.ones((height, width, 3))
     at[..., :2] = pixel_grid(height, width) - 0.5
     return at
 
 
 def best_planes(costs: np.ndarray, guide: np.ndarray) -> np.ndarray:
-    """(h, w) float32: index of the plane, with a fraction, of least cost `costs (h, w, planes)` int16 along four paths.
+    """Return (h, w) float32: index of the plane, with a fraction, of least cost `costs (h, w, planes)` int16 along four paths.
 
     `guide (h, w)` are grey levels: where they differ, depth may jump.
     """
@@ -228,7 +228,7 @@ def _best_planes(costs: np.ndarray, step: int, right: np.ndarray, below: np.ndar
 
 
 def _plain_best_planes(costs: np.ndarray, step: int, right: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """The same by numpy."""
+    """Return the same by numpy."""
     sums = np.zeros(costs.shape, np.int32)
     for axis, jump in ((1, right), (0, below)):
         lines, penalty, into = (np.moveaxis(each, axis, 0) for each in (costs, jump, sums))
@@ -257,7 +257,7 @@ def _plain_best_planes(costs: np.ndarray, step: int, right: np.ndarray, below: n
 def confirmed(
     cameras: CameraPath, inverse: np.ndarray, spacing: Sequence[float], frame: int, stride: int
 ) -> np.ndarray:
-    """(h, w) bool: which inverse depths of a frame other frames have, too."""
+    """Return (h, w) bool: which inverse depths of a frame other frames have, too."""
     import cv2
 
     own = inverse[frame]

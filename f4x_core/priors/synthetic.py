@@ -6,7 +6,7 @@ each person, whose joints `joints.npy` holds). Blender's conventions, verified
 against analytic reprojection: Depth is planar z with 1e10 for background; forward flow t -> t+1 is (-Vector.Z, +Vector.W),
 backward flow t -> t-1 is (+Vector.X, -Vector.Y), in pixels, x right, y down.
 
-What stands still is reprojected exactly; what moves follows the chained Vector passes, through held-out frames too (only
+Static points are reprojected exactly; moving ones follow the chained Vector passes, through held-out frames too (only
 their truth is used for that, never their picture).
 """
 
@@ -51,7 +51,7 @@ CHANNEL_ORDER = "XYZWRGBAUV"
 
 
 def read_passes(path: str | Path) -> dict[str, np.ndarray]:
-    """The passes of a multilayer EXR: pass name -> `(H, W)` or `(H, W, C)` float32, channels in the order XYZW / RGBA.
+    """Return the passes of a multilayer EXR: pass name -> `(H, W)` or `(H, W, C)` float32, channels in the order XYZW / RGBA.
 
     Reads Blender 4.x files (one part, `ViewLayer.IndexOB.X`) and 5.x files (a part per pass, `ViewLayer.Object Index.X`);
     names are those of 5.x without the view layer. F4xError when the file cannot be read.
@@ -90,7 +90,7 @@ class TruePeople:
 
     @classmethod
     def read(cls, folder: Path, people: Sequence[Mapping[str, Any]], objects: np.ndarray) -> TruePeople:
-        """The people that truth.json lists, with the object index `objects (T, H, W)`; F4xError when their joints are missing."""
+        """Return the people of truth.json, with the object index `objects (T, H, W)`; F4xError when their joints are missing."""
         who, path = np.zeros(objects.shape, np.uint8), folder / "joints.npy"
         joints = np.zeros((len(objects), 0, JOINTS, 3))
         with undamaged(path, "render the synthetic clip again."):
@@ -142,7 +142,7 @@ class Truth:
 
     @classmethod
     def read(cls, clip: Clip, progress: Progress) -> Truth:
-        """Truth of the folder that `clip` was read from; F4xError when it is missing or belongs to other pictures."""
+        """Return the truth of the folder that `clip` was read from; F4xError when it is missing or belongs to other pictures."""
         folder = Path(clip.source)
         folder = folder if (folder / "truth.json").is_file() else folder.parent
         path = folder / "truth.json"
@@ -191,7 +191,7 @@ class Truth:
         return FAR * float(np.nanmedian(self.depth))
 
     def reproject(self, source: int, target: int, uv: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where static points at pixels `uv (n, 2)` and `depth (n,)` of a frame are seen in another, and their depth there."""
+        """Return pixels and depth, in frame `target`, of static points at pixels `uv (n, 2)` and `depth (n,)` of frame `source`."""
         depth = np.where(np.isfinite(depth), depth, self.far).astype(np.float64)
         return self.cameras[target].project(self.cameras[source].unproject(uv.astype(np.float64), depth))
 
@@ -220,18 +220,18 @@ class Truth:
         return uv, alive
 
     def _pixels(self, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Column, row (clipped) and whether inside the picture."""
+        """Return the column, row (clipped) and whether inside the picture."""
         return _pixels_of(uv, self.depth.shape[1:])
 
     def _vector(self, flow: np.ndarray, moving: np.ndarray, uv: np.ndarray) -> np.ndarray:
-        """Flow at `uv`: bilinear inside a moving object, of the nearest pixel on its rim (no mixing with background)."""
+        """Return the flow at `uv`: bilinear inside a moving object, of the nearest pixel on its rim (no mixing with background)."""
         x, y, _ = self._pixels(uv)
         pure = sample(moving.astype(np.float32), uv) > 0.999
         return np.where(pure[..., None], sample(flow, uv), flow[y, x])
 
 
 def _pixels_of(uv: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Column, row (clipped) and whether inside a picture of `shape` (H, W)."""
+    """Return the column, row (clipped) and whether inside a picture of `shape` (H, W)."""
     height, width = shape
     inside = (uv >= 0).all(-1) & (uv[..., 0] < width) & (uv[..., 1] < height)
     uv = np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
@@ -260,7 +260,7 @@ def provide_flow(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pro
 
 
 def provide_tracks(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `tracks` and `tracks_visible`: seeds as the settings ask, denser on what moves, never on the same spot twice."""
+    """Fill `tracks` and `tracks_visible`: seeds as the settings ask, denser on moving objects, never on the same spot twice."""
     truth, settings = _truth(clip, priors, progress), config.tracks
     frames = priors.frames
     found: list[tuple[np.ndarray, np.ndarray]] = []
@@ -305,7 +305,7 @@ def provide_motion(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
 
 
 def motion_of_tracks(tracks: np.ndarray, visible: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """`tracks_motion (N,)` float32: 1 for tracks `(F,N,2)` most of whose visible samples lie in `mask (F,H,W)`, else 0."""
+    """Return `tracks_motion (N,)` float32: 1 for tracks `(F,N,2)` most of whose visible samples lie in `mask (F,H,W)`, else 0."""
     hits = np.zeros(tracks.shape[1])
     for uv, seen, moving in zip(tracks, visible, mask, strict=True):
         x, y, _ = _pixels_of(uv, moving.shape)
@@ -333,14 +333,14 @@ def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pr
 
 
 def _truth(clip: Clip, priors: Priors, progress: Progress) -> Truth:
-    """The truth, read once for all stages."""
+    """Return the truth, read once for all stages."""
     if "truth" not in priors.scratch:
         priors.scratch["truth"] = Truth.read(clip, progress)
     return priors.scratch["truth"]
 
 
 def _unit(truth: Truth, priors: Priors) -> float:
-    """Median depth of the supervised frames in the renderer's unit."""
+    """Return the median depth of the supervised frames in the renderer's unit."""
     return float(np.nanmedian(truth.depth[priors.frames]))
 
 
@@ -364,7 +364,7 @@ def _seeds(
 def _tracked(
     truth: Truth, frames: np.ndarray, start: int, seeds: np.ndarray, moving: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions `(F, n, 2)` and visibility `(F, n)` of seeds of frame `frames[start]`."""
+    """Return the positions `(F, n, 2)` and visibility `(F, n)` of seeds of frame `frames[start]`."""
     tracks, visible = np.full((len(frames), *seeds.shape), np.nan), np.zeros((len(frames), len(seeds)), bool)
     tracks[start], visible[start] = seeds, True
     if not moving:

@@ -25,7 +25,7 @@ MAX_SLIP = 12.0
 """Pixels by which a point slips off its object; where the mask ends farther away, it has a hole, and the point stays where flow
 put it. Points pulled over a hole are lost: of hand-set points on a pillow in a person's hands, whose mask flickers, tracks alone
 carry .09 to within a twentieth of the picture without a limit, .30 with 4 or 12 pixels, .28 with 16. With 8 and less the wall
-takes points on the outline of what moves by 3 pixels a frame along."""
+takes points on the outline of moving objects by 3 pixels a frame along."""
 LOST_ERROR = 1e3
 """Added to the accumulated error of a point for which every step failed, so that any valid path is preferred later."""
 MIN_SAMPLES = 4
@@ -33,8 +33,8 @@ MIN_SAMPLES = 4
 PLACE = 32
 """Side in pixels of the squares of the picture that all keep tracks."""
 PLACED_FRACTION = 0.5
-"""Fraction of the tracks that is kept for their place. All for their place: parkour's scene gains 1.4 dB, dog loses .3 dB of
-what moves, camel .7 dB."""
+"""Fraction of the tracks that is kept for their place. All for their place: parkour's scene gains 1.4 dB, dog loses .3 dB on
+movers, camel .7 dB."""
 PATCH = 7
 """Half size in pixels of the patches compared when a lost track is linked to a later one."""
 MIN_CORRELATION = 0.8
@@ -160,7 +160,7 @@ class ObjectFlows:
         in_threads(find_nearest, range(frames))
 
     def pull(self, points: np.ndarray, frame: int) -> np.ndarray:
-        """Points (P,2) moved to the nearest pixel inside the object where they are off it by at most `MAX_SLIP`."""
+        """Return the points (P,2) moved to the nearest pixel inside the object where they are off it by at most `MAX_SLIP`."""
         height, width = self.nearest.shape[1:3]
         pixel = np.clip(np.floor(points), 0, (width - 1, height - 1)).astype(int)
         target = self.nearest[frame, pixel[:, 1], pixel[:, 0]]
@@ -168,7 +168,7 @@ class ObjectFlows:
         return np.where(slipped[:, None], target + 0.5, points)
 
     def pull_each(self, points: np.ndarray, frames: np.ndarray) -> np.ndarray:
-        """The same for points (P,2) of different frames (P,)."""
+        """Return the same for points (P,2) of different frames (P,)."""
         pulled = points.copy()
         for frame in np.unique(frames):
             pulled[frames == frame] = self.pull(points[frames == frame], frame)
@@ -182,7 +182,7 @@ def seed_and_track(
     mask: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tracks (F,N,2) float32, NaN where lost, and visible (F,N) of a grid of points that covers every frame.
+    """Return the tracks (F,N,2) float32, NaN where lost, and visible (F,N) of a grid of points that covers every frame.
 
     Seeds lie `spacing` pixels apart (inside `mask` only, when given) in frame 0; every `config.reseed_every` frames, and in
     the last one, the places that no visible track covers are seeded again and tracked both ways.
@@ -234,7 +234,7 @@ def relink(
     first_away = _patches(pictures, tracks, np.minimum(first + away, frames - 1))
 
     def links(end: int) -> list[tuple[float, int, int]]:
-        """Tracks lost after frame `end` with later ones that they may be: (correlation, track, other)."""
+        """Return the tracks lost after frame `end` with later ones that they may be: (correlation, track, other)."""
         before = max(end - away, 0)
         lost = np.nonzero(seen & (last == end) & visible[before])[0]
         here = tracks[end, lost]
@@ -301,7 +301,7 @@ def continue_lost(
     holder, joins = np.arange(tracks.shape[1]), 0  # the column that holds what was a track
 
     def search(end: int) -> list[tuple[int, int, np.ndarray, int]]:
-        """Points lost after frame `end` that are seen again: (frame, point, place (2,), the track nearest to it)."""
+        """Return the points lost after frame `end` that are seen again: (frame, point, place (2,), the track nearest to it)."""
         lost = np.nonzero(known & (last == end) & visible[end - GAP_MARGIN])[0]
         here = tracks[end, lost]
         lost, again = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)], []
@@ -334,7 +334,7 @@ def continue_lost(
 
 
 def _seen_again(company: _Company, rows: np.ndarray, pictures: np.ndarray, t: int) -> np.ndarray:
-    """(L,2) where the lost points `rows (L,)` of a company are seen in frame `t`, NaN where they are not."""
+    """Return (L,2) where the lost points `rows (L,)` of a company are seen in frame `t`, NaN where they are not."""
     from scipy.spatial import cKDTree
 
     tracks, lost, end = company.tracks, company.lost[rows], company.end
@@ -424,14 +424,14 @@ class _Company:
 
 
 def _median_of_first(values: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """(L,2) medians of the first `count (L,)` of `values (L,n,2)`; `np.nanmedian` takes ten times as long over so few."""
+    """Return (L,2) medians of the first `count (L,)` of `values (L,n,2)`; `np.nanmedian` takes ten times as long over so few."""
     ordered = np.sort(np.where(np.arange(values.shape[1])[:, None] < count[:, None, None], values, np.inf), axis=1)
     rows = np.arange(len(values))
     return (ordered[rows, (count - 1) // 2] + ordered[rows, count // 2]) / 2
 
 
 def _patches(pictures: np.ndarray, tracks: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """(N,P) float32 patches around tracks (F,N,2) at one frame each (N,), normalised so that products correlate them."""
+    """Return (N,P) float32 patches around tracks (F,N,2) at one frame each (N,), normalised so that products correlate them."""
     window = np.stack(np.meshgrid(np.arange(-PATCH, PATCH + 1), np.arange(-PATCH, PATCH + 1)), -1).reshape(-1, 2)
     patches = np.zeros((len(frames), len(window)), np.float32)
     for frame in np.unique(frames):
@@ -443,7 +443,7 @@ def _patches(pictures: np.ndarray, tracks: np.ndarray, frames: np.ndarray) -> np
 
 
 def best_rank(group: np.ndarray, item: np.ndarray, count: int) -> np.ndarray:
-    """(count,) int: the least rank that an item has among those of one of its groups, by number; `count` without any.
+    """Return (count,) int: the least rank that an item has among those of one of its groups, by number; `count` without any.
 
     `group (S,)` not negative, `item (S,)`: which items are in which groups.
     """
@@ -485,7 +485,7 @@ def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.nda
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `tracks` and `tracks_visible` with uniform coverage (provider `classical`); `motion` densifies what moves."""
+    """Fill `tracks` and `tracks_visible` with uniform coverage (provider `classical`); `motion` densifies moving objects."""
     flows = long_flows(clip, priors, config, progress)
     tracks, visible = seed_and_track(flows, config.tracks.spacing, config.tracks, progress=progress)
     joins = 0

@@ -35,7 +35,7 @@ FIRST_PX = 8.0
 FITTING_ROUNDS = 8
 """Rounds in which the points come to know the frames that miss them."""
 GROWTH = 1.25
-"""Trusted frames over those at the last adjustment, at which all are adjusted again by what stands."""
+"""Trusted frames over those at the last adjustment, at which all are adjusted again by static points."""
 OUTLIER_PX = 4.0
 """Error from which a single sighting of a point that stands is left out: there its track slips."""
 WORST_PX = 10.0
@@ -124,13 +124,13 @@ def _grow(bundle: Bundle, seen: Observations, trusted: np.ndarray) -> Bundle:
 
 
 def _within(bundle: Bundle, seen: Observations, tracks: np.ndarray, limit: float, rounds: int = 0) -> np.ndarray:
-    """(F,) bool: frames that see enough of the `tracks` and miss them by at most `limit` pixels (`frame_errors`)."""
+    """Return (F,) bool: frames that see enough of the `tracks` and miss them by at most `limit` pixels (`frame_errors`)."""
     enough = np.bincount(seen.frame, minlength=len(bundle.center)) >= MIN_SIGHTINGS
     return enough & (frame_errors(bundle, seen, len(tracks), rounds) <= limit)  # NaN compares false
 
 
 def _in_runs(chosen: np.ndarray) -> np.ndarray:
-    """(F,) bool: the chosen frames of which at least `MIN_RUN` follow each other; none where they are fewer than `MIN_TRUSTED`."""
+    """Return (F,) bool: chosen frames of which at least `MIN_RUN` follow each other; none if they are fewer than `MIN_TRUSTED`."""
     runs, _ = ndimage.label(chosen)
     kept = chosen & (np.bincount(runs) >= MIN_RUN)[runs]
     return kept if kept.sum() >= MIN_TRUSTED else np.zeros_like(kept)
@@ -159,7 +159,7 @@ def _register(bundle: Bundle, seen: Observations, trusted: np.ndarray, frame: in
 
 
 def _steady(bundle: Bundle, seen: Observations) -> np.ndarray:
-    """(P,) bool: which points of the bundle are met by most of what is `seen` of them."""
+    """Return (P,) bool: which points of the bundle are met by most of what is `seen` of them."""
     error = np.nan_to_num(bundle.errors(seen), nan=WORST_PX, posinf=WORST_PX)
     count = np.bincount(seen.point, minlength=len(bundle.points))
     square = np.bincount(seen.point, np.minimum(error, WORST_PX) ** 2, len(bundle.points))

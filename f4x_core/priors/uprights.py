@@ -1,4 +1,4 @@
-"""Finds what stands upright on the ground in one picture: what does not look like the ground that things walk on.
+"""Finds upright objects on the ground in one picture: what does not look like the ground that things walk on.
 
 As in a pop-up book (Hoiem et al., "Automatic Photo Pop-up", 2005) every column of what is not ground stands at the row of its
 foot. An error stays small: a marking on the road is a run of few rows, and stands where it lies.
@@ -24,7 +24,7 @@ COLORS, MIN_COLOR, LIGHTNESS = 6, 0.06, 0.5
 COLOR_SPREAD, MIN_SPREAD = 3.0, 6.0
 """A pixel is ground within so many median distances of the ground's own pixels from their colors, or within the second."""
 BELOW_FEET, NEAR_FRACTION, MIN_FOOT_HEIGHT = 5, 0.4, 12
-"""Ground is known so many pixels below what moves, if that is MIN_FOOT_HEIGHT high, and in this fraction of its rows."""
+"""Ground is known so many pixels below a moving object that is MIN_FOOT_HEIGHT high, and in this fraction of its rows."""
 MIN_KNOWN, MIN_GROUND = 0.8, 0.3
 """Fractions of the known ground, and of the picture below its end, that must look like ground; else colors tell nothing."""
 HOLE, NECK, MIN_FRACTION = 7, 13, 0.003
@@ -35,7 +35,7 @@ BESIDE = 8
 
 
 def feet_of_uprights(clip: Clip, priors: Priors, end: float) -> np.ndarray:
-    """(H,W) row of the foot of what stands upright at each pixel, 0 where nothing does, in the background of the clip.
+    """Return (H,W) the row of the foot of the upright object at each pixel, 0 for none, in the background of the clip.
 
     end: row at which the ground ends at the latest.
     """
@@ -58,7 +58,7 @@ def feet_of_uprights(clip: Clip, priors: Priors, end: float) -> np.ndarray:
 
 
 def background(clip: Clip, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
-    """(H,W,3) uint8 median of some frames where nothing moves, and the moving masks of these frames (f,H,W)."""
+    """Return (H,W,3) uint8 median of some frames where nothing moves, and the moving masks of these frames (f,H,W)."""
     chosen = evenly_spaced(len(priors.frames), PLATE_FRAMES)
     pictures = clip.frames[priors.frames[chosen]]
     moving = np.zeros(pictures.shape[:3], bool) if priors.mask is None else priors.mask[chosen]
@@ -70,7 +70,7 @@ def background(clip: Clip, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
 
 
 def like_ground(picture: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(H,W) bool: pixels of `picture (H,W,3)` whose color is one of those of the ground, `known (H,W)`."""
+    """Return (H,W) bool: pixels of `picture (H,W,3)` whose color is one of those of the ground, `known (H,W)`."""
     import cv2
 
     samples = known.sum()
@@ -95,7 +95,7 @@ def like_ground(picture: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def feet_in_columns(upright: np.ndarray) -> np.ndarray:
-    """(H,W) lowest row of the run of `upright (H,W)` that holds each pixel, + .5, of the columns beside it, too; 0 elsewhere."""
+    """Return (H,W) the lowest row, + .5, of the run of `upright (H,W)` at a pixel, also of columns beside it; 0 elsewhere."""
     rows = np.arange(len(upright))[:, None]
     free = np.where(upright, len(upright), rows)  # the nearest row below that is not upright
     after = np.minimum.accumulate(free[::-1], axis=0)[::-1]

@@ -35,9 +35,9 @@ class Zoom:
     factor: float
     """Longest over shortest focal length."""
     left: float
-    """Its cost as a fraction of that of a camera that only turns."""
+    """Cost as a fraction of that of a camera that only turns."""
     cost: float
-    """Its cost per sighting and degree of freedom."""
+    """Cost per sighting and degree of freedom."""
     logarithm: np.ndarray
     """(S,) logarithm of the sampled frames' focal lengths in pixels."""
     frames: np.ndarray
@@ -49,14 +49,14 @@ class Zoom:
         return self.factor >= MIN_FACTOR and self.left <= MAX_COST_LEFT_BY_ZOOM
 
     def summary(self, bundle: Bundle, width: int) -> dict[str, Any]:
-        """Plain values for the statistics of the priors; `bundle` is the solution of all frames."""
+        """Return plain values for the statistics of the priors; `bundle` is the solution of all frames."""
         first, last = (round(float(focal) / width, 3) for focal in bundle.focals[[0, -1]])
         span = float(bundle.focals.max() / bundle.focals.min())
         return {"factor": round(span, 3), "first": first, "last": last, "left": round(self.left, 3)}
 
 
 def mean_cost(bundle: Bundle, observations: Observations, unknowns: int = 0) -> float:
-    """Mean Cauchy cost (px^2) of the sightings, over the fraction of their values that `unknowns` leave free."""
+    """Return the mean Cauchy cost (px^2) of the sightings, over the fraction of their values that `unknowns` leave free."""
     squared = np.minimum(bundle.errors(observations), 1e3) ** 2
     free = 1 - unknowns / max(2 * len(observations.frame), 1)
     return float(np.log1p(squared).mean()) / max(free, 0.1)
@@ -76,7 +76,7 @@ def find_zoom(sample: Solution, frames: np.ndarray, lens: BundleConfig) -> Zoom:
 
 
 def zoomed(turning: Solution, zoom: Zoom, known: float | None) -> Solution:
-    """All frames of a turning camera, adjusted with the zoom found; `known`: focal length of the first frame in pixels."""
+    """Return all frames of a turning camera, adjusted with the zoom found; `known`: focal length of the first frame in pixels."""
     logarithm = np.interp(np.arange(len(turning.bundle.center)), zoom.frames, zoom.logarithm)
     usual = float(np.exp(logarithm.mean()))
     start = refocused(turning, usual, translating=False)

@@ -161,7 +161,9 @@ def select_by_prompts(
     if not prompts:
         raise F4xError("Nothing is prompted; give a point, a box or a mask on some frame.")
     size = (cameras.height, cameras.width)
-    checked = {frame: check_prompt(frame, len(cameras), size, **prompt) for frame, prompt in prompts.items()}
+    for frame in prompts:
+        check_frame(frame, len(cameras))
+    checked = {frame: check_prompt(size, **prompt) for frame, prompt in prompts.items()}
     label = _marked_at(prompts)
     if decoder is None and all(prompt.mask is None for prompt in checked.values()):
         marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]

@@ -113,7 +113,8 @@ class FeaturePropagation:
         mask: ArrayLike | None = None,
     ) -> np.ndarray:
         """Logits (H,W) of the object on frame `t` (see `MaskDecoder`); a mask comes back as it is on the grid of features."""
-        prompt = check_prompt(t, self.count, self.size, points, labels, box, mask)
+        check_frame(t, self.count)
+        prompt = check_prompt(self.size, points, labels, box, mask)
         cells = self._cells(t)
         if prompt.mask is not None:
             fraction = shrink(prompt.mask.astype(np.float32), (cells.shape[0], cells.shape[1]))

@@ -62,6 +62,8 @@ def rasterize(
 ) -> RasterOutput:
     """Composite N Gaussians into an image of C channels (EWA splatting, 3DGS rules).
 
+    As in `gsplat.rasterization`, every option is a keyword of its own; `RasterInput` gathers them for the backends.
+
     Args:
         splats: N Gaussians; their harmonics are not looked at.
         colors: (N, C) any channels: rgb, latent features, ...
@@ -109,7 +111,7 @@ def rasterize(
 
 
 def backend_function(name: str) -> Callable[[RasterInput], RasterOutput]:
-    """The function of a backend, imported when it is used."""
+    """Return the function of a backend, imported when it is used."""
     if name == "native":
         from .native import rasterize_native as function
     elif name == "reference":
@@ -124,7 +126,7 @@ def backend_function(name: str) -> Callable[[RasterInput], RasterOutput]:
 
 
 def choose_backend(backend: str, means: Array | None = None, *, partial: bool = False) -> str:
-    """Name of the backend that `backend` stands for, given the means to be drawn and whether there are limits or rows.
+    """Return the name of the backend that `backend` stands for, given the means to be drawn and whether there are limits or rows.
 
     Raises:
         F4xError: an unknown name, or a backend that cannot run here (the sentence says why).
@@ -173,7 +175,7 @@ def _why_not_gsplat() -> str | None:
 
 @cache
 def _native() -> Any:
-    """The native room, or None where it was left out of the installation."""
+    """Return the native room, or None where it was left out of the installation."""
     return import_module(".native", __name__) if find_spec(f"{__name__}.native") else None
 
 

@@ -121,13 +121,13 @@ def bands_of(ellipses: Ellipses, width: int, height: int, config: RasterConfig, 
 
 
 def _box_range(ellipses: Ellipses, axis: int, splats: Tensor, size: int, side: int) -> tuple[Tensor, Tensor]:
-    """First tile and number of tiles along an axis (0 across, 1 down) that the boxes of `splats` meet."""
+    """Return the first tile and number of tiles along an axis (0 across, 1 down) that the boxes of `splats` meet."""
     centre, half = ellipses.table[axis, splats], ellipses.half_box[axis, splats] * (1 + SLACK) + SLACK
     return _tile_range(centre - half, centre + half, size, side)
 
 
 def _tile_range(low: Tensor, high: Tensor, size: int, side: int) -> tuple[Tensor, Tensor]:
-    """First tile and number of tiles whose pixel centres (i + 0.5, 0 <= i < size) meet the interval [low, high]."""
+    """Return the first tile and number of tiles whose pixel centres (i + 0.5, 0 <= i < size) meet the interval [low, high]."""
     first = (low - 0.5).clamp(0, size).ceil()
     last = (high - 0.5).clamp(-1, size - 1).floor()
     tile = (first / side).floor()

@@ -25,7 +25,7 @@ def blend_weight_sums(
     config: RasterConfig | None = None,
     backend: str = "auto",
 ) -> np.ndarray:
-    """(N,L) float32: the blend weights of every Gaussian, summed over the pixels of `camera` as `layers (H,W,L)` weigh them.
+    """Return (N,L) float32: the blend weights of every Gaussian, summed over the pixels of `camera` as `layers (H,W,L)` weigh them.
 
     A picture is linear in the colours, `I_p = sum_g w_gp c_g` with the blend weights `w_gp = alpha_gp T_gp`, so the gradient of
     `sum_p m_p I_p` with respect to the colour of Gaussian g is `sum_p m_p w_gp`: one backward pass gives the sums of all.
@@ -60,7 +60,7 @@ class BlendWeights:
         self._backend = choose_backend(backend, self._given.splats.means)
 
     def picture(self, colors: np.ndarray) -> np.ndarray:
-        """(H,W,C) float32: the picture in which the Gaussians have `colors (N,C)`, over black."""
+        """Return (H,W,C) float32: the picture in which the Gaussians have `colors (N,C)`, over black."""
         given = replace(self._given, colors=np.ascontiguousarray(colors[self.seen], np.float32))
         drawn = backend_function(self._backend)
         if self._backend in ("plain", "native"):
@@ -71,7 +71,7 @@ class BlendWeights:
             return np.asarray(drawn(as_tensors(given)).channels.numpy(), np.float32)
 
     def sums(self, layers: np.ndarray) -> np.ndarray:
-        """(N,C) float32: the weights of every Gaussian, summed over the pixels as `layers (H,W,C)` weigh them.
+        """Return (N,C) float32: the weights of every Gaussian, summed over the pixels as `layers (H,W,C)` weigh them.
 
         Raises:
             F4xError: layers of another size than the camera's.
@@ -110,7 +110,7 @@ class BlendWeights:
 
 
 def alpha_sums(splats: Splats, camera: Camera, *, config: RasterConfig | None = None) -> np.ndarray:
-    """(N,) float64: what the blend weights of each Gaussian would sum to with nothing before it, on an endless picture.
+    """Return (N,) float64: what the blend weights of each Gaussian would sum to with nothing before it, on an endless picture.
 
     That is the integral of `opacity exp(-r^2 / 2)` in pixels where it reaches `alpha_min`; 0 for what `camera` does not see.
     """

@@ -40,7 +40,7 @@ class RasterConfig:
 
     @classmethod
     def as_fitted(cls, focal: float | None, camera: Camera) -> RasterConfig:
-        """The constants that show in `camera` what was fitted at a focal length of `focal` pixels (None = not known).
+        """Return the constants that show in `camera` what was fitted at a focal length of `focal` pixels (None = not known).
 
         The fit widened every projected Gaussian by `blur` in pixels of its own camera. The same angle is added here; with the
         same number of pixels for every size, Gaussians swell in small images and come apart in large ones.
@@ -73,7 +73,7 @@ class RasterInput:
         return self.colors.shape[1] if self.detached_from is None else self.detached_from
 
     def arrays(self) -> dict[str, Array | None]:
-        """The arrays by name: `means`, `quats`, `scales`, `opacities`, `colors`, `viewmat`, `K`, and those that may be None."""
+        """Return the arrays by name: `means`, `quats`, `scales`, `opacities`, `colors`, `viewmat`, `K`, and optional ones."""
         shape = {name: getattr(self.splats, name) for name in ("means", "quats", "scales", "opacities")}
         camera = {"viewmat": self.camera.world_to_camera, "K": self.camera.intrinsics}
         optional = {name: getattr(self, name) for name in ("background", "mean2d_offset", "limit")}

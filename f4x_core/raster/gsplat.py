@@ -58,7 +58,7 @@ def _check(means: Tensor, config: RasterConfig) -> None:
 def _build_lists(
     mean2d: Tensor, half_box: Tensor, visible: Tensor, depth: Tensor, width: int, height: int
 ) -> tuple[Tensor, Tensor]:
-    """Offsets (1, tile rows, tile columns) and splat ids, tile after tile, front to back; splats of radius 0 are in none."""
+    """Return offsets (1, tile rows, tile columns) and splat ids, tile after tile, front to back; none of radius 0."""
     from gsplat import isect_offset_encode, isect_tiles
 
     columns, rows = -(-width // TILE), -(-height // TILE)
@@ -70,7 +70,7 @@ def _build_lists(
 def _composite(
     shape: tuple[Tensor, ...], features: Tensor, lists: tuple[Tensor, Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:
-    """Features (H, W, F) and alpha (H, W) of splats (mean2d, conic, opacities); alpha is empty where there is no feature."""
+    """Return features (H, W, F) and alpha (H, W) of splats (mean2d, conic, opacities); no alpha where there is no feature."""
     from gsplat import rasterize_to_pixels
 
     images, alpha = [features.new_empty(height, width, 0)], features.new_empty(0)

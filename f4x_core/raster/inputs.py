@@ -15,7 +15,7 @@ PER_GAUSSIAN = ("means", "quats", "scales", "opacities", "colors", "mean2d_offse
 
 
 def prepare(given: RasterInput, unseen: bool = False) -> tuple[RasterInput, int]:
-    """The input of a backend: checked, floating point, the camera in the kind of the Gaussians, nothing broken left.
+    """Return the input of a backend: checked, floating point, the camera in the kind of the Gaussians, nothing broken left.
 
     `unseen`: leave it to the backend to find broken Gaussians.
 
@@ -105,7 +105,7 @@ def _finite_rows(array: Any) -> np.ndarray:
 
 
 def _zero_rows(array: Any, rows: np.ndarray) -> Any:
-    """A copy with zeros in these rows, differentiable in the others."""
+    """Return a copy with zeros in these rows, differentiable in the others."""
     if isinstance(array, np.ndarray):
         array = array.copy()
         array[rows] = 0

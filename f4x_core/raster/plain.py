@@ -39,7 +39,7 @@ class _Splats(NamedTuple):
     """Rows of the N Gaussians."""
 
     def take(self, index: np.ndarray | slice) -> _Splats:
-        """The splats at `index`."""
+        """Return the splats at `index`."""
         return _Splats(*(column[index] for column in self))
 
 
@@ -66,7 +66,7 @@ def rasterize_plain(inputs: RasterInput) -> RasterOutput:
 
 
 def blend_weight_sums_plain(inputs: RasterInput, layers: np.ndarray) -> np.ndarray:
-    """(N,L) float32: `blend_weights.blend_weight_sums` of `layers (H,W,L)`, whatever the colours of `inputs` are."""
+    """Return (N,L) float32: `blend_weights.blend_weight_sums` of `layers (H,W,L)`, whatever the colours of `inputs` are."""
     height, width, count = layers.shape
     splats, _ = _project(replace(inputs, colors=np.zeros((len(inputs.splats), 0))))
     total = np.zeros((len(inputs.splats), count))
@@ -79,7 +79,7 @@ def blend_weight_sums_plain(inputs: RasterInput, layers: np.ndarray) -> np.ndarr
 
 
 def alpha_sums_plain(inputs: RasterInput) -> np.ndarray:
-    """(N,) float64: `blend_weights.alpha_sums`."""
+    """Return (N,) float64: `blend_weights.alpha_sums`."""
     splats, _ = _project(replace(inputs, colors=np.zeros((len(inputs.splats), 0))))
     total = np.zeros(len(inputs.splats))
     total[splats.row] = 2 * np.pi * (splats.opacity - inputs.config.alpha_min) / np.sqrt(splats.a * splats.c)

@@ -79,7 +79,7 @@ def project(splats: Splats, camera: Camera, config: RasterConfig, mean2d_offset:
 
 
 def cut(log_opacity: Tensor, alpha_min: float) -> Tensor:
-    """Largest exponent q at which alpha = 2^log_opacity exp(-q / 2) still reaches `alpha_min`, at least 0."""
+    """Return the largest exponent q at which alpha = 2^log_opacity exp(-q / 2) still reaches `alpha_min`, at least 0."""
     return (2 * math.log(2) * (log_opacity - math.log2(alpha_min))).clamp_min(0)
 
 

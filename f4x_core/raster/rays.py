@@ -27,7 +27,7 @@ from .contract import RasterConfig
 CYCLES_FILTER = 0.1726
 """Variance in px^2, along each axis, of Cycles' default pixel filter (Blackman-Harris of 1.5 pixels)."""
 BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
-"""Its cosines."""
+"""Coefficients of the cosines of the Blackman-Harris filter."""
 FILTER_WIDTH = 3
 """Pixels across which that filter reaches."""
 NARROW = 0.3
@@ -116,8 +116,13 @@ def rasterize_rays(splats: Splats, colors: Tensor, camera: Camera, config: RayCo
     """
     config = config or RayConfig()
     seen = project(splats, camera, config)
-    shape = (seen.means.detach(), seen.radii, seen.boxes)
-    image: Tensor = _Rays.apply(camera, config, shape, seen.whiten, seen.opacities, colors)
+    k = camera.intrinsics
+    fixed = dict(
+        **dict(count=len(seen.means), width=camera.width, height=camera.height, threads=config.threads),
+        **dict(fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2], near_plane=config.near, alpha_min=config.alpha_min),
+        **dict(means=seen.means.detach().contiguous(), radii=seen.radii.contiguous(), boxes=seen.boxes.contiguous()),
+    )
+    image: Tensor = _Rays.apply(fixed, seen.whiten, seen.opacities, colors)
     return image
 
 
@@ -140,7 +145,7 @@ def filtered_rays(
 
 
 def filter_weights(oversample: int) -> Tensor:
-    """Weights (3 oversample,), sum 1, of Cycles' pixel filter for rays through the middle of finer pixels, along one axis."""
+    """Return the weights (3 oversample,), sum 1, of Cycles' pixel filter along one axis, for rays through finer pixels."""
     place = (torch.arange(FILTER_WIDTH * oversample) + 0.5) / (FILTER_WIDTH * oversample)
     waves = torch.cos(2 * torch.pi * torch.arange(4)[:, None] * place)
     weights = torch.tensor(BLACKMAN_HARRIS) @ waves
@@ -148,7 +153,7 @@ def filter_weights(oversample: int) -> Tensor:
 
 
 def _oversampled(camera: Camera, oversample: int) -> Camera:
-    """The camera with finer pixels, and one whole pixel more on every side, which the filter reaches into."""
+    """Return the camera with finer pixels, and one whole pixel more on every side, which the filter reaches into."""
     intrinsics = np.array(camera.intrinsics, np.float64)
     intrinsics[:2, 2] += 1
     intrinsics[:2] *= oversample
@@ -163,7 +168,7 @@ def reference_rays(splats: Splats, colors: Tensor, camera: Camera, config: RayCo
 
 
 def composite(seen: Projected, colors: Tensor, camera: Camera, config: RayConfig) -> Tensor:
-    """The rule of the compositing alone, in float64: (H,W,4). See `reference_rays`."""
+    """Return the rule of the compositing alone, in float64: (H,W,4). See `reference_rays`."""
     k, colors = torch.as_tensor(camera.intrinsics), torch.cat((colors.double(), torch.ones(len(colors), 1)), 1)
     origin = -torch.einsum("nij,nj->ni", seen.whiten, seen.means)
     rows = []
@@ -191,17 +196,11 @@ def composite(seen: Projected, colors: Tensor, camera: Camera, config: RayConfig
 
 class _Rays(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, camera, config, shape, whiten, opacities, colors):
-        k = camera.intrinsics
-        means, radii, boxes = shape
-        ctx.fields = {
-            **dict(count=len(means), width=camera.width, height=camera.height, threads=config.threads),
-            **dict(fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2], near_plane=config.near, alpha_min=config.alpha_min),
-            **dict(means=means.contiguous(), radii=radii.contiguous(), boxes=boxes.contiguous()),
-            **dict(whiten=whiten.detach().contiguous(), opacities=opacities.detach().contiguous()),
-            **dict(colors=colors.detach().contiguous()),
-        }
-        image = torch.empty(camera.height, camera.width, 4)
+    def forward(ctx, fixed: dict[str, Any], whiten: Tensor, opacities: Tensor, colors: Tensor) -> Tensor:
+        """Return the image (H,W,4); `fixed` are the fields of the library's problem that have no gradient."""
+        own = {"whiten": whiten, "opacities": opacities, "colors": colors}
+        ctx.fields = fixed | {name: tensor.detach().contiguous() for name, tensor in own.items()}
+        image = torch.empty(fixed["height"], fixed["width"], 4)
         _run(F4X_RAYS, image=image, **ctx.fields)
         return image
 
@@ -211,7 +210,7 @@ class _Rays(torch.autograd.Function):
         fields = ctx.fields
         slopes = {f"d_{name}": torch.empty_like(fields[name]) for name in ("whiten", "opacities", "colors")}
         _run(F4X_RAYS_BACKWARD, d_image=gradient.contiguous(), **fields, **slopes)
-        return None, None, None, *slopes.values()
+        return None, *slopes.values()
 
 
 def _run(function: Any, **fields: Any) -> None:

@@ -59,7 +59,7 @@ def rasterize_reference(inputs: RasterInput) -> RasterOutput:
 
 
 def pixel_row(row: int, width: int) -> Tensor:
-    """(W, 2) float64 pixel centres of a row of an image."""
+    """Return (W, 2) float64 pixel centres of a row of an image."""
     x = torch.arange(width, dtype=torch.float64) + 0.5
     return torch.stack((x, torch.full_like(x, row + 0.5)), -1)
 

@@ -58,13 +58,13 @@ def rasterize_torch(inputs: RasterInput) -> RasterOutput:
     for band in bands:
         lists = build_tile_lists(ellipses, width, height, SLAB, config, band)
         grid = _Grid(width, height, config.tile, band)
-        parts.append(_Composite.apply(ellipses.table, features, lists, grid, config, attached))
+        parts.append(_Composite.apply(ellipses.table, features, _Layout(lists, grid, config, attached)))
     channels, depth, alpha = (rows[0] if len(rows) == 1 else torch.cat(rows) for rows in zip(*parts, strict=True))
     return RasterOutput(add_background(inputs, channels, alpha), depth, alpha, ellipses.visible)
 
 
 def add_background(inputs: RasterInput, channels: Tensor, alpha: Tensor) -> Tensor:
-    """Channels (H, W, C) plus the background times the light left, 1 - alpha (H, W); detached channels detach it."""
+    """Return the channels (H, W, C) plus the background times the light left, 1 - alpha (H, W); detached channels detach it."""
     if inputs.background is None:
         return channels
     light, attached = (1 - alpha)[..., None], inputs.attached_channels
@@ -83,7 +83,7 @@ class _Grid:
         self.columns, self.rows, self.first_row = -(-width // side), len(band), band.start
 
     def basis(self, like: Tensor) -> Tensor:
-        """(6, pixels) monomials 1, u, v, u^2, uv, v^2 of a pixel centre relative to the tile centre."""
+        """Return (6, pixels) monomials 1, u, v, u^2, uv, v^2 of a pixel centre relative to the tile centre."""
         axis = torch.arange(self.side, dtype=like.dtype, device=like.device) + 0.5 - self.side / 2
         v, u = (c.reshape(-1) for c in torch.meshgrid(axis, axis, indexing="ij"))
         return torch.stack((torch.ones_like(u), u, v, u * u, u * v, v * v))
@@ -95,7 +95,7 @@ class _Grid:
         return (x.to(like) + 0.5) * self.side, ((y + self.first_row).to(like) + 0.5) * self.side
 
     def to_image(self, tiles: Tensor) -> Tensor:
-        """(tiles, C, pixels) -> (C, H, W)."""
+        """Return (tiles, C, pixels) -> (C, H, W)."""
         cut = tiles.view(self.rows, self.columns, -1, self.side, self.side).permute(2, 0, 3, 1, 4)
         image = cut.clone(memory_format=torch.contiguous_format)  # `tiles` is work memory, never to be given away
         image = image.view(-1, self.rows * self.side, self.columns * self.side)
@@ -132,7 +132,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _map(function: Callable[[Item], Result], items: Sequence[Item], threads: int) -> list[Result]:
-    """`[function(item) for item in items]`, spread over Python threads; torch lets go of the GIL inside its operations."""
+    """Return `[function(item) for item in items]`, spread over Python threads; torch lets go of the GIL inside its operations."""
     threads = min(threads, len(items))
     if threads <= 1:
         return [function(item) for item in items]
@@ -170,10 +170,20 @@ class _Scene(NamedTuple):
     config: RasterConfig
 
     def slab_features(self, blocks: Tensor) -> Tensor:
-        """(t, SLAB, 2 + C)."""
+        """Return (t, SLAB, 2 + C)."""
         ids = self.lists.ids.index_select(0, blocks).view(-1)
         out = _scratch("features", self.features, len(ids), self.features.shape[1])
         return torch.index_select(self.features, 0, ids, out=out).view(len(blocks), SLAB, -1)
+
+
+class _Layout(NamedTuple):
+    """Gaussians that each tile blends, and places of the tiles in the image."""
+
+    lists: TileLists
+    grid: _Grid
+    config: RasterConfig
+    attached: int
+    """Columns of the features from here on send no gradient to the table."""
 
 
 class _Composite(torch.autograd.Function):
@@ -181,8 +191,9 @@ class _Composite(torch.autograd.Function):
 
     @staticmethod
     def forward(  # type: ignore[override]
-        ctx: Any, table: Tensor, features: Tensor, lists: TileLists, grid: _Grid, config: RasterConfig, attached: int
+        ctx: Any, table: Tensor, features: Tensor, layout: _Layout
     ) -> tuple[Tensor, Tensor, Tensor]:
+        lists, grid, config, _ = layout
         scene = _Scene(_polynomials(table, lists, grid), features, lists, grid.basis(table), config)
         recording = any(ctx.needs_input_grad[:2])
         tiles = _scratch("tiles", features, len(lists.length), features.shape[1], grid.pixels).zero_()
@@ -190,7 +201,7 @@ class _Composite(torch.autograd.Function):
         slabs = _map(lambda batch: _blend(batch, scene, tiles, recording), batches, _threads(config, table))
         if recording:
             ctx.save_for_backward(table, features, scene.theta)
-            ctx.arguments = lists, grid, config, attached
+            ctx.layout = layout
             ctx.slabs = slabs
             ctx.set_materialize_grads(False)
         image = grid.to_image(tiles)
@@ -200,7 +211,7 @@ class _Composite(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:  # type: ignore[override]
         table, features, theta = ctx.saved_tensors
-        lists, grid, config, attached = ctx.arguments
+        lists, grid, config, attached = ctx.layout
         scene = _Scene(theta, features, lists, grid.basis(table), config)
         grad_tiles = _scratch("tiles", features, len(lists.length), features.shape[1], grid.pixels)
         for part, grad in zip((slice(2, None), slice(1, 2), slice(0, 1)), grads, strict=True):
@@ -208,7 +219,7 @@ class _Composite(torch.autograd.Function):
                 grad_tiles[:, part] = 0
             else:
                 grid.to_tiles(grad.permute(2, 0, 1) if grad.dim() == 3 else grad[None], grad_tiles[:, part])
-        return (*_differentiate(ctx.slabs, grad_tiles, table, scene, grid, attached), None, None, None, None)
+        return (*_differentiate(ctx.slabs, grad_tiles, table, scene, grid, attached), None)
 
 
 def _threads(config: RasterConfig, like: Tensor) -> int:
@@ -216,14 +227,14 @@ def _threads(config: RasterConfig, like: Tensor) -> int:
 
 
 def _batches(lists: TileLists, pixels: int) -> list[Tensor]:
-    """Tiles that have anything to blend, in batches of similar list length."""
+    """Return the tiles that have anything to blend, in batches of similar list length."""
     order = torch.argsort(lists.length, descending=True, stable=True)[: int((lists.length > 0).sum())]
     elements = ELEMENTS_CPU if order.device.type == "cpu" else ELEMENTS_ACCELERATOR
     return list(order.split(max(1, elements // (SLAB * pixels)))) if len(order) else []
 
 
 def _polynomials(table: Tensor, lists: TileLists, grid: _Grid) -> Tensor:
-    """(B, 6, SLAB) coefficients of log2 alpha over `_Grid.basis` for every slot."""
+    """Return (B, 6, SLAB) coefficients of log2 alpha over `_Grid.basis` for every slot."""
     if table.shape[1] == 0:
         return table.new_empty(len(lists.ids), 6, SLAB)
     oy, e, A, k, r, log_opacity = _local(table, lists.ids, lists.tile, grid)
@@ -240,7 +251,7 @@ def _polynomials(table: Tensor, lists: TileLists, grid: _Grid) -> Tensor:
 
 
 def _local(table: Tensor, ids: Tensor, tile: Tensor, grid: _Grid) -> tuple[Tensor, ...]:
-    """(B, SLAB) each: y of the mean from the tile centre, e = x - k y from there, then A, k, r, log2 opacity."""
+    """Return (B, SLAB) each: y of the mean from the tile centre, e = x - k y from there, then A, k, r, log2 opacity."""
     mx, my, A, k, r, log_opacity = table.index_select(1, ids.view(-1)).view(6, -1, SLAB)
     x, y = grid.centres(tile[:, None], table)
     oy = my - y
@@ -277,7 +288,7 @@ def _blend(tiles: Tensor, scene: _Scene, out: Tensor, recording: bool) -> list[_
 
 
 def _weights(blocks: Tensor, light: Tensor, scene: _Scene) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Weights alpha T, alpha / (1 - alpha) and 1 - alpha of one slab (t, pixels, SLAB), and the light behind it."""
+    """Return the weights alpha T, alpha / (1 - alpha) and 1 - alpha of one slab (t, pixels, SLAB), and the light behind it."""
     theta, basis, config = scene.theta, scene.basis, scene.config
     shape = (len(blocks), basis.shape[1], SLAB)
     alpha, keep, after = (_scratch(name, theta, *shape) for name in ("alpha", "keep", "after"))
@@ -310,7 +321,7 @@ class _Gradients:
 def _differentiate(
     slabs: list[list[_Slab]], grad_tiles: Tensor, table: Tensor, scene: _Scene, grid: _Grid, attached: int
 ) -> tuple[Tensor, Tensor]:
-    """Gradients of table (6, N) and features (N, 2 + C) from those of the tiles (tiles, 2 + C, pixels)."""
+    """Return the gradients of table (6, N) and features (N, 2 + C) from those of the tiles (tiles, 2 + C, pixels)."""
     lists, channels = scene.lists, grad_tiles.shape[1]
     ends = torch.tensor([sum(len(slab.tiles) for slab in batch) for batch in slabs]).cumsum(0).tolist()
     blocks = ends[-1] if ends else 0
@@ -372,7 +383,7 @@ def _blend_backward(slabs: list[_Slab], end: int, scene: _Scene, gradients: _Gra
 
 
 def _pull_back(grad_theta: Tensor, oy: Tensor, e: Tensor, A: Tensor, k: Tensor, r: Tensor) -> tuple[Tensor, ...]:
-    """Gradients (b, SLAB) of the six rows of the table from those of the coefficients of `_polynomials`."""
+    """Return the gradients (b, SLAB) of the six rows of the table from those of the coefficients of `_polynomials`."""
     g0, g1, g2, g3, g4, g5 = grad_theta.unbind(1)
     p = e * g0 - g1 + k * g2
     d_e = 2 * HALF * A * p

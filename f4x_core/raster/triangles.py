@@ -72,7 +72,7 @@ def draw_triangles(
 
 
 def edge_functions(corners: np.ndarray) -> np.ndarray:
-    """(T,3,3) `edges`, so that `edges (u, v, 1)` are in proportion to the barycentric coordinates divided by z.
+    """Return (T,3,3) `edges`, so that `edges (u, v, 1)` are in proportion to the barycentric coordinates divided by z.
 
     Args:
         corners: (T,3,3) u z, v z, z of each corner.
@@ -88,7 +88,7 @@ def edge_functions(corners: np.ndarray) -> np.ndarray:
 
 
 def _rows_met(corners: np.ndarray, height: int, near: float) -> tuple[np.ndarray, np.ndarray]:
-    """(first row, number of rows), each (T,), that the part of a triangle beyond `near` may cover."""
+    """Return (first row, number of rows), each (T,), that the part of a triangle beyond `near` may cover."""
     ahead = np.roll(corners, -1, axis=1)
     z, next_z = corners[..., 2], ahead[..., 2]
     crosses = (z > near) != (next_z > near)
@@ -102,6 +102,6 @@ def _rows_met(corners: np.ndarray, height: int, near: float) -> tuple[np.ndarray
 
 
 def _expand(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(number, offset): item `number` occurs `counts[number]` times, with `offset` running from 0."""
+    """Return (number, offset): item `number` occurs `counts[number]` times, with `offset` running from 0."""
     number = np.repeat(np.arange(len(counts)), counts)
     return number, np.arange(len(number)) - np.repeat(np.cumsum(counts) - counts, counts)

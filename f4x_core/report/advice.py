@@ -43,7 +43,7 @@ NODE_REACH = 3.0
 MIN_COVERAGE = 0.8
 # Scores (dB): a watchable picture, the gap to unseen frames, what camera refinement may win, moving against static region.
 WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
-# Of the mask of what moves, the mean dynamic alpha (`mover_coverage`): below the first the object is missing, above the second
+# Of the mask of moving objects, the mean dynamic alpha (`mover_coverage`): below the first the object is missing, above the second
 # it is there; missing in so many used frames in a row, and reproduced so many dB worse (`psnr_mask`), it is reported.
 # The decibels tell a lost object from a mask that grew: where dog's doubles, coverage halves and the score falls by 1.4 dB.
 LOST_COVERAGE, KEPT_COVERAGE, MIN_LOST_FRAMES, LOST_GAP = 0.5, 0.7, 3, 2.0
@@ -56,7 +56,7 @@ COVERAGE_SAMPLES = 400
 
 
 def track_survival(visible: np.ndarray) -> np.ndarray:
-    """Fraction of tracks still followed `age` frames after they were first seen, (F,) for ages 0..F-1.
+    """Return the fraction of tracks still followed `age` frames after they were first seen, (F,) for ages 0..F-1.
 
     A track is followed until it is last visible (gaps are re-linked); at each age only tracks count that began early enough
     to reach it. NaN where no track did. `visible`: (F,N) bool.
@@ -74,7 +74,7 @@ def track_survival(visible: np.ndarray) -> np.ndarray:
 
 
 def scaffold_coverage(priors: Priors, scaffold: Scaffold) -> float:
-    """Fraction of moving pixels whose lifted point lies within `NODE_REACH` control radii of a node; NaN without any."""
+    """Return the fraction of moving pixels whose lifted point lies within `NODE_REACH` control radii of a node; NaN without any."""
     assert priors.mask is not None and priors.depth is not None and priors.cameras is not None
     inside = total = 0
     for frame in range(len(priors.frames)):
@@ -122,7 +122,7 @@ def findings(
     picked: str = "",
     profile: str = SHORT_PROFILE,
 ) -> list[Finding]:
-    """Everything that was found, problems first, and among findings of equal weight those of the geometry (see `by_cause`).
+    """Return everything that was found, problems first, and among findings of equal weight those of the geometry (see `by_cause`).
 
     `metrics`: the result of `evaluation.evaluate.evaluate`. `picked`: that of the clip, for advice on `--frames`.
     `profile`: the settings it was fitted with; only the short one is advised to take more steps.
@@ -147,7 +147,7 @@ def findings(
 
 
 def about_reading(remarks: Iterable[Remark]) -> list[Finding]:
-    """Remarks on frames and stamps that were left out, mended or guessed while the clip was read."""
+    """Return the remarks on frames and stamps that were left out, mended or guessed while the clip was read."""
     return [Finding("note", remark.what, remark.advice) for remark in remarks]
 
 
@@ -168,7 +168,7 @@ def about_room(shortages: Sequence[Shortage]) -> list[Finding]:
 
 
 def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
-    """The scene in a word: poor, usable with limits, or good; empty where it was not measured."""
+    """Return the scene in a word: poor, usable with limits, or good; empty where it was not measured."""
     score = fair_score(metrics)
     if score is None:
         return ""
@@ -178,7 +178,7 @@ def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
 
 
 def verdict(metrics: Mapping[str, Any], found: Sequence[Finding], subject: str = "The scene") -> str:
-    """The page's first sentence, about `subject`."""
+    """Return the page's first sentence, about `subject`."""
     word, problems = quality(metrics, found), sum(finding.weight == "problem" for finding in found)
     if not word:
         return f"{subject} was not measured."
@@ -190,12 +190,12 @@ def verdict(metrics: Mapping[str, Any], found: Sequence[Finding], subject: str =
 
 
 def fair_score(metrics: Mapping[str, Any]) -> float | None:
-    """PSNR by which a scene is judged, dB: of held-out frames, of used ones where none was held out; None: not measured."""
+    """Return the PSNR (dB) by which a scene is judged: of held-out frames, else of used ones; None: not measured."""
     return _unseen_psnr(metrics, metrics.get("used_psnr"))
 
 
 def _unseen_psnr(metrics: Mapping[str, Any], default: float | None = None) -> float | None:
-    """PSNR of held-out frames, dB, at their registered cameras; at interpolated ones where they were not registered."""
+    """Return the PSNR of held-out frames, dB, at their registered cameras; at interpolated ones where they were not registered."""
     return metrics.get("held_out_psnr_registered", metrics.get("held_out_psnr", default))
 
 
@@ -292,7 +292,7 @@ def fair_psnr(row: Mapping[str, Any]) -> float:
 
 
 def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
-    """Frames far below the others, and why a held-out frame at the clip's end is one of them."""
+    """Return the frames far below the others, and why a held-out frame at the clip's end is one of them."""
     rows = metrics.get("frames", [])
     if not rows:
         return []
@@ -322,7 +322,7 @@ def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
 
 
 def _about_lost_movers(metrics: Mapping[str, Any]) -> list[Finding]:
-    """Runs of used frames whose moving mask the scene does not cover, though it does in others of the clip."""
+    """Return the runs of used frames whose moving mask the scene does not cover, though it does in others of the clip."""
     rows = [row for row in metrics.get("frames", []) if "mover_coverage" in row and not row["held_out"]]
     kept = [row for row in rows if row["mover_coverage"] >= LOST_COVERAGE]
     if not kept or float(np.median([row["mover_coverage"] for row in kept])) < KEPT_COVERAGE:
@@ -353,7 +353,7 @@ def _about_lost_movers(metrics: Mapping[str, Any]) -> list[Finding]:
 
 
 def about_cuts(priors: Priors, picked: str = "") -> list[Finding]:
-    """The findings about hard cuts within the clip (`clip.changes`), in frames of its source: `picked` is the clip's."""
+    """Return the findings about hard cuts within the clip (`clip.changes`), in frames of its source: `picked` is the clip's."""
     cuts = priors.statistics.get("changes", {}).get("cuts", [])
     if not cuts:
         return []
@@ -416,7 +416,7 @@ def _about_camera(priors: Priors) -> list[Finding]:
 
 
 def _about_lens(priors: Priors) -> list[Finding]:
-    """Findings from the search for the focal length, where there was one (`statistics["cameras"]`)."""
+    """Return the findings from the search for the focal length, where there was one (`statistics["cameras"]`)."""
     known = priors.statistics.get("cameras", {})
     search = known.get("pan_focal_search" if priors.camera_kind == "pan" else "focal_search", {})
     focals, errors = (np.array(search.get(name, []), np.float64) for name in ("focal_over_width", "error_px"))

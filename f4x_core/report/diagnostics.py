@@ -156,7 +156,7 @@ def _counts(clip: Clip, result: FitResult) -> str:
 
 
 def finding_boxes(found: Sequence[Finding]) -> str:
-    """Findings as boxes (HTML) whose colour tells their weight; what is no problem stands apart, below."""
+    """Return the findings as boxes (HTML) whose colour tells their weight; what is no problem stands apart, below."""
     problems = [finding for finding in found if finding.weight == "problem"]
     rest = [finding for finding in found if finding.weight != "problem"]
     apart = f"<h3>{'Also worth knowing' if problems else 'Worth knowing'}</h3>" if rest else ""
@@ -220,7 +220,7 @@ def _provenance(provenance: Mapping[str, Any]) -> str:
 
 
 def _coloured(values: np.ndarray, colours: str) -> np.ndarray:
-    """(H,W) values in [0,1] as (H,W,3) colours; NaN is grey."""
+    """Return (H,W) values in [0,1] as (H,W,3) colours; NaN is grey."""
     painted = matplotlib.colormaps[colours](np.nan_to_num(np.clip(values, 0, 1)))[..., :3]
     painted[~np.isfinite(values)] = 0.5
     return painted
@@ -247,7 +247,7 @@ def _worst(clip: Clip, metrics: Mapping[str, Any], images: Mapping[int, np.ndarr
 
 
 def _motion(clip: Clip, priors: Priors, shown: Iterable[int]) -> str:
-    """The soft score in red over the grey frame, the mask's edge in white."""
+    """Return the soft score in red over the grey frame, the mask's edge in white."""
     if priors.motion is None or priors.mask is None:
         return ""
     figures = []
@@ -263,14 +263,14 @@ def _motion(clip: Clip, priors: Priors, shown: Iterable[int]) -> str:
 
 
 def _edge(mask: np.ndarray) -> np.ndarray:
-    """Pixels of a mask (H,W) with a 4-neighbour outside it."""
+    """Return the pixels of a mask (H,W) with a 4-neighbour outside it."""
     padded = np.pad(mask, 1, mode="edge")
     inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
     return mask & ~inner
 
 
 def _depth(priors: Priors, shown: Sequence[int] | np.ndarray) -> str:
-    """Inverse depth and confidence in turbo colours."""
+    """Return the inverse depth and confidence in turbo colours."""
     if priors.depth is None:
         return ""
     inverse = 1 / priors.depth[shown].astype(np.float64)
@@ -290,7 +290,7 @@ def _depth(priors: Priors, shown: Sequence[int] | np.ndarray) -> str:
 
 
 def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iterable[int]) -> str:
-    """Nodes projected on the frames."""
+    """Return the nodes projected on the frames."""
     if scaffold is None or priors.cameras is None:
         return ""
     from PIL import ImageDraw
@@ -365,7 +365,7 @@ def _survival(priors: Priors) -> str:
 
 
 def _field_of_view(priors: Priors) -> str:
-    """Reprojection error of the camera solution over trial fields of view, where the provider searched them."""
+    """Return the reprojection error of the camera solution over trial fields of view, where the provider searched them."""
     known = priors.statistics.get("cameras", {})
     curve = known.get("focal_search") or known.get("pan_focal_search")
     if not curve:
@@ -380,7 +380,7 @@ def _field_of_view(priors: Priors) -> str:
 
 
 def _times(seconds: Mapping[str, float], priors: Priors) -> str:
-    """Bars of the stages of the priors (as their folder remembers them) and of the fit."""
+    """Return the bars of the stages of the priors (as their folder remembers them) and of the fit."""
     bars = {}
     for stage, fields in STAGES.items():
         entry = next((priors.provenance[name] for name in fields if name in priors.provenance), {})

@@ -7,8 +7,8 @@ from typing import Literal
 MOVING_DEPTH = "The depth of what moves"
 """Begins every finding about it."""
 PATH, CAMERAS, MOVES, UNSEEN, ROOM, SCORE = "path", "cameras", "what moves", "unseen frames", "room", "score"
-"""Causes: what a camera's path cannot show, cameras that are wrong, what moves and is not followed, what does not carry over to
-frames that were not used, too few Gaussians; `SCORE` is none, but a picture that is poor, for whatever cause."""
+"""Causes: a camera path that cannot show it, wrong cameras, motion that is not followed, a scene that does not carry over to frames
+that were not used, too few Gaussians; `SCORE` is none, but a poor picture, for whatever cause."""
 ORDER = ("problem", "note", "good")
 Weight = Literal["problem", "note", "good"]
 
@@ -28,12 +28,12 @@ class Finding:
 
 
 def caused_by(cause: str, found: Iterable[Finding]) -> list[Finding]:
-    """The findings with a cause."""
+    """Return the findings with a cause."""
     return [replace(one, cause=cause) for one in found]
 
 
 def by_cause(found: Sequence[Finding]) -> list[Finding]:
-    """Findings, problems first: those of one cause as one, with the advice of the problems, else the first.
+    """Return the findings, problems first: those of one cause as one, with the advice of the problems, else the first.
 
     That the pictures are poor is no problem of its own where a problem says why.
     """
@@ -46,7 +46,7 @@ def by_cause(found: Sequence[Finding]) -> list[Finding]:
 
 
 def by_weight(found: Iterable[Finding]) -> list[Finding]:
-    """Problems first; among equals the order stays."""
+    """Return the problems first; among equals the order stays."""
     return sorted(found, key=lambda one: ORDER.index(one.weight))
 
 

@@ -39,7 +39,7 @@ class FittedScene:
     def of(
         cls, path: Path, scene: Scene, metrics: Mapping[str, Any], frames: tuple[int, int], windows: int = 0
     ) -> FittedScene:
-        """The `scene` that was written to `path`."""
+        """Return the `scene` that was written to `path`."""
         size = scene.cameras.width, scene.cameras.height
         nodes = 0 if scene.scaffold is None else len(scene.scaffold)
         counts = len(scene.static), len(scene.dynamic), nodes

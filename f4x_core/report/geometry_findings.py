@@ -64,7 +64,7 @@ class ClipGeometry:
 
 
 def about_geometry(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
-    """Findings about the geometry, the mirror ambiguity first."""
+    """Return the findings about the geometry, the mirror ambiguity first."""
     path = [
         *_about_way_round(geometry.way_round),
         *_about_path(priors, geometry),
@@ -175,7 +175,7 @@ def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
 
 
 def _about_bump(priors: Priors) -> list[Finding]:
-    """A camera that rests but for a few frames."""
+    """Return a camera that rests but for a few frames."""
     steps, unit = _track_steps(priors), priors.width / 480
     if not len(steps) or np.isnan(steps).all() or np.nanmedian(steps) > RESTS_PX * unit:
         return []
@@ -194,7 +194,7 @@ def _about_bump(priors: Priors) -> list[Finding]:
 
 
 def _track_steps(priors: Priors) -> np.ndarray:
-    """Median shift of static tracks from each supervised frame to the next, `(F - 1,)` pixels, NaN where none is seen in both."""
+    """Return the median shift of static tracks between supervised frames, `(F - 1,)` pixels, NaN where none is seen in both."""
     tracks, visible, static = static_tracks(priors)
     steps = np.full(max(len(tracks) - 1, 0), np.nan)
     for row in range(len(steps)):
@@ -205,7 +205,7 @@ def _track_steps(priors: Priors) -> np.ndarray:
 
 
 def _about_translation(priors: Priors) -> list[Finding]:
-    """A step so small that its size rests on a prior."""
+    """Return a step so small that its size rests on a prior."""
     translation = priors.statistics.get("cameras", {}).get("translation", {})
     if translation.get("verdict") != "small" or priors.camera_kind != "moving":
         return []
@@ -230,7 +230,7 @@ def _about_believed(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
 
 
 def believed_sentence(believed: Believed) -> str:
-    """`believed` in words, for the findings and whoever checks them against true views."""
+    """Return `believed` in words, for the findings and whoever checks them against true views."""
     static, moving = believed.static, believed.moving
     if static < ONLY_THE_PATH:
         return "Views can be believed along the camera's own path only, not from the side."

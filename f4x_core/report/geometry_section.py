@@ -29,7 +29,7 @@ STRIPS = 3
 
 
 def geometry_section(result: FitResult, geometry: ClipGeometry, moments: Sequence[Moment]) -> str:
-    """Tables, views aside and the profile as HTML."""
+    """Return the tables, views aside and the profile as HTML."""
     movers = result.priors.statistics.get("depth", {}).get("movers", [])
     return (
         page.table(["", "", ""], _figures(geometry))
@@ -100,7 +100,7 @@ def _groups(geometry: ClipGeometry) -> str:
 
 
 def _number(value: float | None, digits: int) -> str:
-    """A table's cell; a dash for what is not known."""
+    """Return a table's cell; a dash for what is not known."""
     return "–" if value is None else f"{value:.{digits}f}"
 
 
@@ -145,7 +145,7 @@ def _over_ground(mover: Mapping[str, Any]) -> str:
 
 
 def _views(moments: Sequence[Moment]) -> str:
-    """A row per moment: the camera's own view, depth, from the right, from above."""
+    """Return a row per moment: the camera's own view, depth, from the right, from above."""
     near, far = depth_range(moment.depth for moment in moments)
     return "".join(
         page.row(

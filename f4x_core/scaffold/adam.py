@@ -16,7 +16,7 @@ from ..native.adam import ADAM, take_steps
 from ..native.kernels import TORCH, Kernels
 
 KEEP_MEAN, KEEP_SQUARE = 0.9, 0.999
-"""Of the moments, per step (Kingma and Ba 2015)."""
+"""Decay of the moments per step (Kingma and Ba 2015)."""
 MOMENTS = ("exp_avg", "exp_avg_sq")
 ADAM_EPSILON = 1e-15
 """3DGS uses this instead of Adam's 1e-8: many gradients are far smaller than that."""
@@ -65,7 +65,7 @@ class Adam:
         return self.state[value]
 
     def _problem(self, value: Tensor, gradient: Tensor, rate: float, reach: Tensor | None, cap: Tensor | None) -> Any:
-        """The kernel's struct, kept from step to step."""
+        """Return the kernel's struct, kept from step to step."""
         state, rows = self.state[value], len(value)
         step = state["step"]
         changing: dict[str, Any] = {
@@ -95,7 +95,7 @@ class Adam:
         return new
 
     def state_dict(self) -> dict[str, Any]:
-        """The state of every tensor by the place of its group, for checkpoints."""
+        """Return the state of every tensor by the place of its group, for checkpoints."""
         tensors = [group["params"][0] for group in self.param_groups]
         return {"state": {place: dict(self.state[t]) for place, t in enumerate(tensors) if t in self.state}}
 

@@ -17,7 +17,7 @@ Pairs = Sequence[tuple[int, float]]
 
 
 def arap(xyz: Tensor, axes: Tensor, edges: Edges, pairs: Pairs, threads: int) -> tuple[Tensor, dict[str, Tensor]]:
-    """The losses `(2,)` float64 of coordinates and lengths, and their gradients, by name.
+    """Return the losses `(2,)` float64 of coordinates and lengths, and their gradients, by name.
 
     Args:
         xyz: (F,M,3) positions. axes: (F,M,3,3) the nodes' axes as columns. threads: they change no bit.

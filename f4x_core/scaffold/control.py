@@ -10,7 +10,7 @@ from ..geometry.arrays import Array
 from .deformation import align_signs, interpolation_stencil, node_poses_at
 from .distance import distance_to
 from .graph import thin
-from .structure import Scaffold
+from .structure import NodePoses, Scaffold
 
 
 def densify_nodes(
@@ -57,15 +57,14 @@ def rebase_local(
     reference: Array,
     old_attach: Array,
     new_attach: Array,
-    scaffold_xyz: Array,
-    scaffold_quat: Array,
+    nodes: NodePoses,
 ) -> tuple[Array, Array]:
     """Return `(local_xyz (N, 3), local_quat (N, 4))` in the frames of `new_attach (N,)`; the world pose stays.
 
-    `reference (N,)` are the Gaussians' reference frames, `scaffold_xyz (F, M, 3)`, `scaffold_quat (F, M, 4)`.
+    `reference (N,)` are the Gaussians' reference frames, of the F of `nodes`.
     """
     old, new = (
-        (quaternion.normalize(scaffold_quat[reference, node]), scaffold_xyz[reference, node])
+        (quaternion.normalize(nodes.quat[reference, node]), nodes.xyz[reference, node])
         for node in (old_attach, new_attach)
     )
     q, t = pose.compose(*pose.invert(*new), *pose.compose(*old, local_quat, local_xyz))

@@ -48,7 +48,7 @@ def distance_to(
 def _largest(
     xyz: np.ndarray, other: np.ndarray, certain: np.ndarray | None, other_certain: np.ndarray | None
 ) -> np.ndarray:
-    """`distance_to` for the largest distance: in a third of the time, with an array for each coordinate and frames first."""
+    """Return `distance_to` for the largest distance: in a third of the time, with an array for each coordinate and frames first."""
     result = np.empty((xyz.shape[1], other.shape[1]), np.float32)
     curves = np.ascontiguousarray(xyz.transpose(2, 0, 1), np.float32)  # (3, F, A)
     for start in range(0, other.shape[1], CHUNK):

@@ -84,13 +84,13 @@ def add_offset(
 
 
 def _mean_turned(rotations: np.ndarray, both: np.ndarray, bars: np.ndarray) -> np.ndarray:
-    """Bars (2E,3) turned by the mean of the rotations at both ends."""
+    """Return the bars (2E,3) turned by the mean of the rotations at both ends."""
     mean = (rotations[both[:, 0]] + rotations[both[:, 1]]) / 2
     return np.einsum("eij,ej->ei", mean, bars)
 
 
 def _best_rotations(placed: np.ndarray, both: np.ndarray, bars: np.ndarray) -> np.ndarray:
-    """Rotations (M,3,3) that best turn the bars at each node into what they have become (Kabsch 1976)."""
+    """Return the rotations (M,3,3) that best turn the bars at each node into what they have become (Kabsch 1976)."""
     now = placed[both[:, 1]] - placed[both[:, 0]]
     moments = np.zeros((len(placed), 3, 3))
     np.add.at(moments, both[:, 0], now[:, :, None] * bars[:, None, :])

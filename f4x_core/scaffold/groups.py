@@ -56,7 +56,7 @@ def rigid_groups(xyz: np.ndarray, count: int | None = None) -> np.ndarray:
 
 
 def _merged(xyz: np.ndarray, parts: list[np.ndarray]) -> list[tuple[float, list[np.ndarray]]]:
-    """(sum of squared residuals, groups) while groups of nodes are merged pair by pair until there is one."""
+    """Return (sum of squared residuals, groups) while groups of nodes are merged pair by pair until there is one."""
     residuals = [_residual(xyz[:, part]) for part in parts]
     together: dict[tuple[bytes, bytes], float] = {}
     splits = [(sum(residuals), list(parts))]
@@ -77,7 +77,7 @@ def _merged(xyz: np.ndarray, parts: list[np.ndarray]) -> list[tuple[float, list[
 
 
 def _residual(xyz: np.ndarray) -> float:
-    """Sum of squared distances of curves `xyz (F,n,3)` from one rigid object that moves as well as it can."""
+    """Return the sum of squared distances of curves `xyz (F,n,3)` from one rigid object that moves as well as it can."""
     turn, middle = group_motion(xyz)
     shape = quaternion.rotate(quaternion.conjugate(turn)[:, None], xyz - middle[:, None])
     return float(((shape - shape.mean(0)) ** 2).sum())
@@ -121,7 +121,7 @@ def shape_change(xyz: np.ndarray) -> np.ndarray:
 
 
 def _medoids(distance: np.ndarray, count: int) -> np.ndarray:
-    """Indices of the medoids: farthest first, then the middle of each group until nothing changes.
+    """Return the indices of the medoids: farthest first, then the middle of each group until nothing changes.
 
     There are `count`, or fewer where all other nodes coincide with one of them.
     """

@@ -11,7 +11,7 @@ from ..parallel import in_threads
 
 @dataclass(frozen=True)
 class LiftingConfig:
-    """Which samples of a track are believed. Lengths are in world units (median scene depth = 1)."""
+    """Settings that tell reliable samples of tracks from outliers. Lengths are in world units (median scene depth = 1)."""
 
     search_px: int = 2
     """A track at an invalid depth pixel takes the nearest valid one at most this far away (square window)."""
@@ -28,7 +28,7 @@ class LiftingConfig:
     min_fraction: float = 0.1
     """Curves believed in a smaller fraction of the frames are removed."""
     carriers: int = 8
-    """So many nearest seen curves carry a curve through frames in which it was not seen."""
+    """Number of nearest seen curves that carry a curve through frames in which it was not seen."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import torch
 from ..geometry import quaternion
 from ..native.kernels import TORCH, Kernels
 from .graph import EdgeLevel
-from .motion_native import MotionWeights, NativeMotion
+from .motion_native import MotionProblem, MotionWeights, NativeMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,22 +68,28 @@ class Smoothness(NamedTuple):
     angular_acceleration: torch.Tensor
 
 
-def motion_loss(
-    xyz: torch.Tensor,
-    quat: torch.Tensor,
-    times: torch.Tensor,
-    edges: ArapEdges,
-    shifts: Mapping[int, float],
-    weights: MotionWeights,
-    kernels: Kernels = TORCH,
-) -> torch.Tensor:
-    """Weighted sum of `arap_losses` and `smoothness_losses` of `xyz (F, M, 3)`, `quat (F, M, 4)` of any length at `times (F,)`.
+@dataclass(frozen=True, eq=False)
+class MotionTerms:
+    """The losses of a scaffold's motion: between which nodes and frames, and how much each weighs."""
 
-    `shifts`: frame distances and their weights. The compiled library computes it where `kernels` say so (float32 on the CPU).
+    edges: ArapEdges
+    shifts: Mapping[int, float]
+    """Frame distances and their weights."""
+    weights: MotionWeights
+    kernels: Kernels = TORCH
+    """The compiled library computes the losses where these say so (float32 on the CPU)."""
+
+
+def motion_loss(xyz: torch.Tensor, quat: torch.Tensor, times: torch.Tensor, terms: MotionTerms) -> torch.Tensor:
+    """Return the weighted sum of `arap_losses` and `smoothness_losses`.
+
+    `xyz (F, M, 3)`, `quat (F, M, 4)` of any length are the nodes' poses at `times (F,)`.
     """
+    edges, shifts, weights, kernels = terms.edges, terms.shifts, terms.weights, terms.kernels
     if kernels.native:
         pairs = [pair for pair in shifts.items() if pair[0] < len(xyz)]
-        return NativeMotion.apply(xyz, quat, times.double(), edges.listed, pairs, weights, kernels.threads)
+        problem = MotionProblem(times.double(), edges.listed, pairs, weights, kernels.threads)
+        return NativeMotion.apply(xyz, quat, problem)
     unit = quaternion.normalize(quat)
     losses = *arap_losses(xyz, unit, edges, tuple(shifts), tuple(shifts.values())), *smoothness_losses(xyz, unit, times)
     return sum((w * loss for w, loss in zip(weights, losses, strict=True)), xyz.new_zeros(()))

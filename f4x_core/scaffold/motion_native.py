@@ -24,24 +24,28 @@ class MotionWeights(NamedTuple):
     angular_acceleration: float
 
 
-class NativeMotion(torch.autograd.Function):
-    """Weighted sum of the losses of positions (F,M,3) and quaternions (F,M,4) of any length at `times (F,)` float64.
+class MotionProblem(NamedTuple):
+    """Everything that the losses of F frames depend on, beside the poses."""
 
-    Without `pairs` those of coordinates and lengths are left out. Gradients are made on the way, as the result is a scalar.
+    times: Tensor
+    """(F,) float64, clip frames."""
+    edges: Edges
+    pairs: Pairs
+    """Empty: the losses of coordinates and lengths are left out."""
+    weights: MotionWeights
+    threads: int
+
+
+class NativeMotion(torch.autograd.Function):
+    """Weighted sum of the losses of positions (F,M,3) and quaternions (F,M,4) of any length.
+
+    Gradients are made on the way, as the result is a scalar.
     """
 
     @staticmethod
-    def forward(
-        ctx,
-        xyz: Tensor,
-        quat: Tensor,
-        times: Tensor,
-        edges: Edges,
-        pairs: Pairs,
-        weights: MotionWeights,
-        threads: int,
-    ) -> Tensor:
-        """The sum, a scalar; raises F4xError where memory runs out."""
+    def forward(ctx, xyz: Tensor, quat: Tensor, problem: MotionProblem) -> Tensor:
+        """Return the sum, a scalar; raises F4xError where memory runs out."""
+        times, edges, pairs, weights, threads = problem
         xyz, quat = xyz.contiguous(), quat.contiguous()
         arrays: dict[str, Tensor] = {"xyz": xyz, "quat": quat, "times": times}
         fixed: dict[str, Any] = {"frames": len(xyz), "nodes": xyz.shape[1], "threads": threads}
@@ -67,5 +71,5 @@ class NativeMotion(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, factor: Tensor) -> Any:
-        """Gradients of the positions and the quaternions."""
-        return *(gradient * factor for gradient in ctx.saved_tensors), None, None, None, None, None
+        """Return the gradients of the positions and the quaternions."""
+        return *(gradient * factor for gradient in ctx.saved_tensors), None

@@ -13,7 +13,7 @@ from .adam import Adam
 from .deformation import align_signs
 from .distance import curve_distance
 from .graph import GraphConfig, build_graph, multilevel_edges
-from .losses import ArapEdges, motion_loss
+from .losses import ArapEdges, MotionTerms, motion_loss
 from .motion_native import MotionWeights
 from .structure import Scaffold
 
@@ -24,7 +24,7 @@ class GeometryConfig:
 
     steps: int = 300
     learning_rate: float = 0.01
-    """Of node positions (world units) and rotations (quaternion components)."""
+    """Learning rate of node positions (world units) and rotations (quaternion components)."""
     decay_start: float = 1 / 3
     """Fraction of the steps after which the rate falls along a cosine ..."""
     decay_to: float = 1 / 30
@@ -57,7 +57,7 @@ class GeometryConfig:
 
 @dataclass(frozen=True)
 class Sightlines:
-    """How nodes were seen: across the ray a track is known to a pixel, along it as well as depth is."""
+    """Viewing rays of nodes: across a ray a track is known to a pixel, along it as well as depth is."""
 
     direction: np.ndarray
     """(F, M, 3) unit vectors from the camera to the nodes, world axes."""
@@ -102,12 +102,13 @@ def optimise_geometry(
         if step % config.redraw == 0:
             levels = multilevel_edges(distance, scaffold.unit, config.graph, config.seed + step)
             edges = ArapEdges.build(neighbours, edge_mask, config.graph.base_weight, levels)
+            terms = MotionTerms(edges, shifts, weights, kernels)
         for group in optimiser.param_groups:
             group["lr"] = config.learning_rate * _decay(step / config.steps, config)
         first = int(generator.integers(0, max(frames - config.window, 0) + 1))
         window = slice(first, first + config.window)
         x = torch.where(certain, start, xyz) if config.certain == "hard" else xyz
-        loss = motion_loss(x[window], quat[window], times[window], edges, shifts, weights, kernels)
+        loss = motion_loss(x[window], quat[window], times[window], terms)
         if config.certain == "soft":
             loss = loss + config.certain_weight * spring.energy(xyz - start) / held
         loss.backward()
@@ -146,7 +147,7 @@ class _Spring:
         return cls(certain, direction, torch.as_tensor(slack, dtype=torch.float32))
 
     def energy(self, moved: torch.Tensor) -> torch.Tensor:
-        """Sum of `|across|^2 + stiffness |along|^2` over the observed ones of `moved (F, M, 3)`."""
+        """Return the sum of `|across|^2 + stiffness |along|^2` over the observed ones of `moved (F, M, 3)`."""
         total = (moved.square() * self.certain).sum()
         if self.direction is None or self.slack is None:
             return total

@@ -1,4 +1,4 @@
-"""Which tracks become nodes, and how many a scene needs. numpy and scipy."""
+"""Chooses the tracks that become nodes, and their number. numpy and scipy."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -26,7 +26,7 @@ NOISE_MARGIN = 2.0
 
 @dataclass(frozen=True)
 class SelectionConfig:
-    """How nodes are drawn from lifted tracks."""
+    """Settings of drawing nodes from lifted tracks."""
 
     maximum: int = 512
     """Never more nodes."""
@@ -38,7 +38,7 @@ class SelectionConfig:
     held_out: float = 0.25
     """Fraction of the tracks that only measure the residual: never nodes, never used for node rotations."""
     slack: float = 0.25
-    """Where no count reaches the tolerance, the fewest nodes within this fraction of the best residual win. Of at most 400 nodes,
+    """If no count reaches the tolerance, the fewest nodes within this fraction of the best residual win. Of at most 400 nodes,
     a tenth takes 256 for a rendered cube that hops (against 128: -.25 dB from 10 degrees aside), and brings dog .7 dB of what it
     used and nothing of what is held out."""
     quantile: float = 0.9
@@ -82,7 +82,7 @@ class Selection:
     residual: float
     tolerance: float
     noise: float
-    """What the tracks' own jitter alone would leave as residual (`track_noise`)."""
+    """Residual that the tracks' own jitter alone would leave (`track_noise`)."""
     pixels: bool
     """True when residual, tolerance and noise are in pixels, False for world units."""
     table: tuple[NodeCountTrial, ...]
@@ -207,7 +207,7 @@ def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPat
     start = lifted.xyz[reference, tracks]
     attach = attach_nodes(start, reference, scaffold.xyz)
     neighbours = scaffold.neighbours[attach]
-    weights, strength = skinning_weights(
+    skinning = skinning_weights(
         start,
         scaffold.xyz[reference[:, None], neighbours],
         scaffold.radius[neighbours],
@@ -216,9 +216,8 @@ def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPat
     pairs = pairs_of(neighbours, reference)
     total = np.zeros(len(lifted))
     for f, time in enumerate(scaffold.times):
-        carried = pose.transform(
-            *deform(scaffold.times, scaffold.xyz, scaffold.quat, pairs, weights, strength, time), start
-        )
+        motion = deform(scaffold.times, scaffold.xyz, scaffold.quat, pairs, skinning, time)
+        carried = pose.transform(*motion, start)
         truth = lifted.xyz[f]
         if cameras is not None:
             carried, truth = (cameras.at(time).project(points)[0] for points in (carried, truth))

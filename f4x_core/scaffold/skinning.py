@@ -1,6 +1,6 @@
-"""How strongly each node carries a Gaussian (MoSca Eq. 1). numpy or torch; needs numpy alone."""
+"""Skinning: the weights with which nodes carry Gaussians (MoSca Eq. 1). numpy or torch; needs numpy alone."""
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,15 @@ MIN_SPREAD = 1e-12
 """Lower bound of sigma^2 or r: a node with radius 0 carries exactly the points that lie on it."""
 
 
+class SkinningWeights(NamedTuple):
+    """Weights of each Gaussian's neighbours, and how far it follows them."""
+
+    weights: Array
+    """(N, K) sums to 1; all 0 for a point that no node carries."""
+    strength: Array
+    """(N,) in [0, 1]: 0 keeps the point at rest, 1 lets it follow its nodes."""
+
+
 def skinning_weights(
     x: Array,
     node_x: Array,
@@ -21,15 +30,13 @@ def skinning_weights(
     mask: Array,
     dw: Array | None = None,
     kernel: Kernel = "sigma",
-    keep_sum: bool = False,
-) -> tuple[Array, Array]:
-    """Return `(weights (N, K)` that sum to 1 `, strength (N,)` in [0, 1] `)`.
+) -> SkinningWeights:
+    """Return the skinning weights of N points, K neighbours each.
 
     `x (N, 3)` are points and `node_x (N, K, 3)` their neighbours' positions at the reference time, world units;
     `radius (N, K)`, `mask (N, K)` bool. The raw weight is `exp(-d^2 / 2 sigma^2)` (kernel "sigma", MoSca's code) or
-    `exp(-d^2 / 2 r)` (kernel "paper"), plus a floor; with `dw (N, K)`, the learnt correction, it becomes `|g + dw|`,
-    with `keep_sum` rescaled to the sum before. `strength = clamp(sum of raw weights, 0, 1)` fades points far from
-    every node to the identity. All weights of a point that no node carries are 0, and so is its strength.
+    `exp(-d^2 / 2 r)` (kernel "paper"), plus a floor; with `dw (N, K)`, the learnt correction, it becomes `|g + dw|`.
+    `strength = clamp(sum of raw weights, 0, 1)` fades points far from every node to the identity.
     """
     xp = namespace(x, node_x, radius)
     offset = x[..., None, :] - node_x  # (N, K, 3)
@@ -37,13 +44,9 @@ def skinning_weights(
     spread = radius * radius if kernel == "sigma" else radius
     raw = (xp.exp(-0.5 * squared / xp.clip(spread, MIN_SPREAD, None)) + FLOOR) * mask
     if dw is not None:
-        corrected = abs(raw + dw) * mask
-        if keep_sum:
-            before, after = raw.sum(axis=1, keepdims=True), corrected.sum(axis=1, keepdims=True)
-            corrected = corrected * (before / xp.clip(after, FLOOR, None))
-        raw = corrected
+        raw = abs(raw + dw) * mask
     total = raw.sum(axis=1, keepdims=True)
     # The divisor is made safe first: a point without weights keeps zeros, and its gradient stays finite.
     empty = total <= np.finfo(np.float32).tiny
     weights = raw / xp.where(empty, xp.ones_like(total), total)
-    return weights, xp.clip(total[..., 0], 0.0, 1.0)
+    return SkinningWeights(weights, xp.clip(total[..., 0], 0.0, 1.0))

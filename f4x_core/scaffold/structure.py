@@ -1,10 +1,21 @@
 """The scaffold as arrays: what the scene file stores and every other module of this room reads."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import F4xError
+from ..geometry.arrays import Array
+
+
+class NodePoses(NamedTuple):
+    """Poses of M nodes at F times; numpy or torch."""
+
+    xyz: Array
+    """(F, M, 3) world units."""
+    quat: Array
+    """(F, M, 4) wxyz."""
 
 
 @dataclass(frozen=True, eq=False)

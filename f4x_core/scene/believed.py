@@ -31,7 +31,7 @@ class BelievedZone:
 
     @classmethod
     def of(cls, scene: Scene) -> BelievedZone | None:
-        """The zone of a scene; None where its fit did not tell how far it can be believed."""
+        """Return the zone of a scene; None where its fit did not tell how far it can be believed."""
         degrees = scene.provenance.get("believed_degrees")
         if not isinstance(degrees, int | float) or not 0 <= degrees < 90:
             return None
@@ -39,14 +39,14 @@ class BelievedZone:
         return cls(float(degrees), scene.cameras.centers, scene.cameras.centers + DEPTH * forward)
 
     def aside(self, eye: np.ndarray) -> float:
-        """Degrees from a view at `eye (3,)` to the nearest camera of the clip, at what that camera looks at."""
+        """Return the degrees from a view at `eye (3,)` to the nearest camera of the clip, at what that camera looks at."""
         to_eye, to_camera = eye - self.targets, self.eyes - self.targets
         lengths = np.linalg.norm(to_eye, axis=1) * np.linalg.norm(to_camera, axis=1)
         cosine = (to_eye * to_camera).sum(1) / np.maximum(lengths, 1e-12)
         return float(np.degrees(np.arccos(np.clip(cosine.max(), -1, 1))))
 
     def ring(self, index: int) -> np.ndarray:
-        """(RING,3): the circle around camera `index` from which what it looks at is seen from just the largest believed angle."""
+        """Return (RING,3): the circle of places that see what camera `index` looks at from just the largest believed angle."""
         target, axis = self.targets[index], self.eyes[index] - self.targets[index]
         distance = np.linalg.norm(axis)
         axis = axis / distance
@@ -59,7 +59,7 @@ class BelievedZone:
         )
 
     def line(self, degrees: float) -> str:
-        """The sentence about a view so many degrees aside; nothing where it can be believed."""
+        """Return the sentence about a view so many degrees aside; nothing where it can be believed."""
         if degrees <= self.degrees:
             return ""
         within = f"{self.degrees:.0f}°" if self.degrees >= 1 else "1°"

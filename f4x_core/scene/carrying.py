@@ -35,7 +35,7 @@ class Carrier:
         self._unturned = quaternion.conjugate(quaternion.normalize(self._gaussians.quats))
 
     def carried(self, xyz: np.ndarray, quat: np.ndarray) -> Carried:
-        """The Gaussians with the nodes at `xyz (M,3)`, `quat (M,4)` unit; with the scaffold's own poses those of `Scene.posed`."""
+        """Return Gaussians with nodes at `xyz (M,3)`, `quat (M,4)` unit; with the scaffold's own poses those of `Scene.posed`."""
         node, gaussians = self._pairs.node, self._gaussians
         table = dual_quaternion.from_pose(*pose.compose(quat[node], xyz[node], *self._back)).astype(np.float32)
         means, quats = move_gaussians(

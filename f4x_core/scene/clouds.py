@@ -64,12 +64,12 @@ class Cloud:
 
     @classmethod
     def of_scene(cls, scene: Scene, time: float) -> Cloud:
-        """The Gaussians of a scene at clip time `time`."""
+        """Return the Gaussians of a scene at clip time `time`."""
         return replace(cls.of_posed(scene.posed(time), scene.fitted_focal(time)), key=scene.name)
 
     @classmethod
     def of_posed(cls, posed: PosedSplats, fitted_focal: float | None) -> Cloud:
-        """Gaussians as `Scene.posed` gives them, and `Scene.fitted_focal`."""
+        """Return the Gaussians as `Scene.posed` gives them, and `Scene.fitted_focal`."""
         return cls(
             means=posed.means,
             quats=posed.quats,
@@ -86,7 +86,7 @@ class Cloud:
         return self.means @ self.to_world[:3, :3].T + self.to_world[:3, 3]
 
     def colors(self, center: np.ndarray) -> np.ndarray:
-        """(N,3) sRGB seen from `center (3,)` in the world; appearance turns with the surface."""
+        """Return (N,3) sRGB seen from `center (3,)` in the world; appearance turns with the surface."""
         colors = self._unshaded(center)
         if self.light is not None:
             dark = self.light < 1
@@ -94,7 +94,7 @@ class Cloud:
         return colors
 
     def _unshaded(self, center: np.ndarray) -> np.ndarray:
-        """`colors` as the Gaussians were fitted."""
+        """Return `colors` as the Gaussians were fitted."""
         own = np.linalg.solve(self.to_world, np.append(center, 1.0))[:3]
         return spherical_harmonics.seen_from(own, self.means, self.sh, self.turn)
 
@@ -168,14 +168,8 @@ class Composite:
             splats, _joined(channels, sum(widths.values())), widths, view, config or fitted_config(clouds, camera)
         )
 
-    def draw(
-        self,
-        backend: str,
-        background: np.ndarray | None = None,
-        limit: np.ndarray | None = None,
-        rows: slice | None = None,
-    ) -> Drawn:
-        """Rasterize; `background (C,)`, `limit (H,W)` and `rows` are those of `raster.rasterize`.
+    def draw(self, backend: str, limit: np.ndarray | None = None, rows: slice | None = None) -> Drawn:
+        """Rasterize over black; `limit (H,W)` and `rows` are those of `raster.rasterize`.
 
         Raises:
             F4xError: a camera that is not finite, or a backend that cannot run here.
@@ -186,7 +180,6 @@ class Composite:
             self.splats,
             self.channels,
             self.camera,
-            background=background,
             config=self.config,
             backend=backend,
             limit=limit,
@@ -202,7 +195,7 @@ class Drawn:
     """A composited picture."""
 
     layers: Mapping[str, np.ndarray]
-    """Layer -> (H,W,C) float32 sums of value alpha T, over the background where one was given."""
+    """Layer -> (H,W,C) float32 sums of value alpha T."""
     alpha: np.ndarray
     """(H,W) float32."""
     depth: np.ndarray
@@ -214,7 +207,7 @@ class Drawn:
         return self.alpha >= COVERED
 
     def mean(self, sums: np.ndarray, absent: float = 0.0) -> np.ndarray:
-        """`sums (H,W)` or `(H,W,C)` divided by alpha: the mean of the Gaussians; `absent` where they do not cover the pixel."""
+        """Return `sums (H,W)` or `(H,W,C)` divided by alpha: the mean of the Gaussians; `absent` where a pixel is not covered."""
         shape = (*self.alpha.shape, *[1] * (sums.ndim - 2))
         covered = self.covered.reshape(shape)
         return np.where(covered, sums / np.where(covered, self.alpha.reshape(shape), 1), np.float32(absent))

@@ -4,10 +4,10 @@ import numpy as np
 
 
 def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
-    """Linear Rec.709 of sRGB values in [0, 1], any shape (IEC 61966-2-1)."""
+    """Return linear Rec.709 of sRGB values in [0, 1], any shape (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((np.maximum(srgb, 0.0) + 0.055) / 1.055) ** 2.4)
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
-    """The inverse of `linear_from_srgb`."""
+    """Return the inverse of `linear_from_srgb`."""
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)

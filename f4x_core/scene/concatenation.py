@@ -29,12 +29,12 @@ def concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Gau
 
 
 def followed_by(static: StaticSet, more: StaticSet) -> StaticSet:
-    """Both sets as one; what has no span is always there."""
+    """Return both sets as one; what has no span is always there."""
     return concatenated([static, more], [within(part, np.array(ALWAYS)) for part in (static, more)])
 
 
 def within(part: StaticSet, span: np.ndarray) -> np.ndarray:
-    """(N,4) spans of what is there in its own and in a window's `span (4,)`: it comes with the later and goes with the earlier."""
+    """Return (N,4) spans within a window: Gaussians come with the later of their own and its `span (4,)`, go with the earlier."""
     if part.span is None:
         return np.tile(span, (len(part), 1))
     both = np.concatenate([np.maximum(part.span[:, :2], span[:2]), np.minimum(part.span[:, 2:], span[2:])], 1)

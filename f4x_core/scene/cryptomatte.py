@@ -33,13 +33,13 @@ def murmur3(data: bytes) -> int:
 
 
 def identify(name: str) -> int:
-    """The 32-bit id of a name, never one whose float is not a number or denormal."""
+    """Return the 32-bit id of a name, never one whose float is not a number or denormal."""
     value = murmur3(name.encode())
     return value ^ (1 << 23) if value >> 23 & 255 in (0, 255) else value
 
 
 def ranked(ids: np.ndarray, coverage: np.ndarray, depth: int = DEPTH) -> list[np.ndarray]:
-    """Pictures (H,W,4) float32 of a layer: id, coverage, id, coverage, ordered by coverage.
+    """Return the pictures (H,W,4) float32 of a layer: id, coverage, id, coverage, ordered by coverage.
 
     Args:
         ids: (K,) uint32.
@@ -56,7 +56,7 @@ def ranked(ids: np.ndarray, coverage: np.ndarray, depth: int = DEPTH) -> list[np
 
 
 def metadata(layer: str, names: Iterable[str]) -> Mapping[str, str]:
-    """Header attributes of a layer such as `ViewLayer.CryptoObject`, with the manifest of `names`."""
+    """Return the header attributes of a layer such as `ViewLayer.CryptoObject`, with the manifest of `names`."""
     key = f"cryptomatte/{murmur3(layer.encode()):08x}"[: len("cryptomatte/") + 7]
     manifest = {name: f"{identify(name):08x}" for name in names}
     return {

@@ -102,7 +102,7 @@ def _with_numpy(
     settings: OrderSettings,
     out: np.ndarray,
 ) -> int:
-    """`depth_order` in numpy alone; always exact."""
+    """Return `depth_order` in numpy alone; always exact."""
     depth = np.empty(len(means), np.float32)
     for row, first, last in zip(rows, starts, starts[1:], strict=False):
         depth[first:last] = means[first:last] @ row[:3] + row[3]

@@ -37,7 +37,7 @@ class Lens:
     """Height of the aperture, by its width: 2 is an anamorphic lens."""
 
     def through(self, camera: Camera, point: np.ndarray) -> Camera:
-        """The pinhole camera at `point (2,)` of the unit disc of the lens, right and up."""
+        """Return the pinhole camera at `point (2,)` of the unit disc of the lens, right and up."""
         right, up = point * self.radius
         matrix, intrinsics = camera.world_to_camera.copy(), camera.intrinsics.copy()
         matrix[:2, 3] -= right, -up
@@ -64,11 +64,11 @@ class Exposure:
         return self.samples > 1 and (self.closes > self.opens or self.lens is not None)
 
     def moments(self) -> np.ndarray:
-        """(samples,) frames from the picture's own time, in the middle of equal parts of the time that the shutter is open."""
+        """Return (samples,) frames relative to the picture's time, in the middle of equal parts of the shutter's open time."""
         return self.opens + (self.closes - self.opens) * (np.arange(self.samples) + 0.5) / self.samples
 
     def lens_points(self) -> np.ndarray:
-        """(samples,2) points of the unit aperture, right and up, evenly over its area."""
+        """Return (samples,2) points of the unit aperture, right and up, evenly over its area."""
         # Lens points of neighbouring moments lie far apart, so that neither follows the other.
         rank = np.argsort(np.argsort(np.arange(self.samples) * GOLDEN_RATIO % 1))
         radius, angle = np.sqrt((rank + 0.5) / self.samples), rank * GOLDEN_ANGLE
@@ -136,7 +136,7 @@ def draw_one(
     passes: Collection[str],
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
-    """`stage.draw` of one take with `combined` in place of `rgb`; `beside`: those of one frame before and after."""
+    """Return `stage.draw` of one take with `combined` in place of `rgb`; `beside`: those of one frame before and after."""
     clouds, surfaces = take.clouds, take.surfaces
     if beside is not None:
         before, after = beside
@@ -154,7 +154,7 @@ def draw_one(
 
 
 def combined(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """(H,W,4) linear light, premultiplied, of `rgb (H,W,3)` sRGB that covers `alpha (H,W)`; 1 over a background.
+    """Return (H,W,4) linear light, premultiplied, of `rgb (H,W,3)` sRGB that covers `alpha (H,W)`; 1 over a background.
 
     The color under the alpha is what is linearised, and then premultiplied.
     """
@@ -164,7 +164,7 @@ def combined(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
 
 def _clouds_between(now: Sequence[Cloud], before: Sequence[Cloud], after: Sequence[Cloud]) -> list[Cloud]:
-    """Clouds with their places `beside`, where the same one is there at all three moments."""
+    """Return the clouds with their places `beside`, where the same one is there at all three moments."""
     found = []
     sides = [{cloud.key: cloud for cloud in part} for part in (before, after)]
     for cloud in now:
@@ -191,7 +191,7 @@ def _surfaces_between(now: Sequence[Surface], before: Sequence[Surface], after: 
 
 
 def _part(progress: Progress, number: int, count: int) -> Progress:
-    """`progress` of picture `number` of `count` that are drawn one after the other."""
+    """Return `progress` of picture `number` of `count` that are drawn one after the other."""
     if progress is silent:
         return silent
 

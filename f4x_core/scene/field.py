@@ -63,7 +63,7 @@ class FieldHead:
             raise F4xError(f"{name}/global has the shape {self.glob.shape}, expected {(self.spec.dim,)}")
 
     def __call__(self, latent: np.ndarray) -> np.ndarray:
-        """Features (…,C) float32 of `latent (…,D)`."""
+        """Return the features (…,C) float32 of `latent (…,D)`."""
         rows = latent.reshape(-1, latent.shape[-1])
         out = np.empty((len(rows), self.weights[-1].shape[1]), np.float32)
         layers = [(w.astype(np.float32), b.astype(np.float32)) for w, b in zip(self.weights, self.biases, strict=True)]
@@ -75,7 +75,7 @@ class FieldHead:
         return out.reshape(*latent.shape[:-1], out.shape[1])
 
     def to_rgb(self, latent: np.ndarray) -> np.ndarray:
-        """(…,3) uint8 colours of the features of `latent (…,D)`.
+        """Return (…,3) uint8 colours of the features of `latent (…,D)`.
 
         The last layer and the projection onto three directions are one linear map: the C channels are never made.
         """
@@ -164,7 +164,7 @@ class FeatureField:
         return tuple(head.spec.name for head in self.heads)
 
     def head(self, name: str) -> FieldHead:
-        """The head of a teacher; F4xError with the names there are when there is none."""
+        """Return the head of a teacher; F4xError with the names there are when there is none."""
         for head in self.heads:
             if head.spec.name == name:
                 return head
@@ -177,18 +177,18 @@ class FeatureField:
         return self.head(name).spec
 
     def decode(self, name: str, latent: np.ndarray) -> np.ndarray:
-        """Features (…,C) float32 that head `name` sees in `latent (…,D)`; a rendered latent is divided by alpha first."""
+        """Return features (…,C) float32 of head `name` for `latent (…,D)`; a rendered latent is divided by alpha first."""
         return self.head(name)(latent)
 
     def vocabulary(self, encoder: str) -> tuple[tuple[str, ...], np.ndarray]:
-        """(labels, (L,dim) float32 unit vectors) of a text encoder; F4xError when the scene has none."""
+        """Return (labels, (L,dim) float32 unit vectors) of a text encoder; F4xError when the scene has none."""
         if encoder not in self.vocabularies:
             missing.refuse(f"The scene has no vocabulary for the text encoder '{encoder}'", "--vocabulary WORDS")
         stored = self.vocabularies[encoder]
         return stored.labels, stored.vectors.astype(np.float32)
 
     def latents(self, node: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """(N,D) float32 of every Gaussian, static first; a dynamic one blends its nodes' latents, `node` and `weight` (Nd,K)."""
+        """Return (N,D) float32 of all Gaussians, static first; a dynamic one blends its nodes', `node` and `weight` (Nd,K)."""
         static, nodes = (self.low + self.step * part for part in (self.static, self.nodes))
         blended = np.zeros((len(node), self.width), np.float32)
         for k in range(node.shape[1] if len(node) else 0):  # slot by slot: no (Nd,K,D) array
@@ -207,7 +207,7 @@ class FeatureField:
         return sum(array.nbytes for array in self.to_arrays().values())
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Every array by its name in the scene file."""
+        """Return every array by its name in the scene file."""
         packed = self.static if self.bits == 8 else self.static[:, 0::2] << 4 | self.static[:, 1::2]
         arrays = {"static/latent": packed, "latent/low": self.low, "latent/step": self.step}
         if len(self.nodes):
@@ -246,7 +246,7 @@ class FeatureField:
 
     @classmethod
     def take_from(cls, arrays: dict[str, np.ndarray], header: Any) -> Self:
-        """The field that `to_arrays` and `to_json` (`header`) gave; its arrays are taken out of `arrays`.
+        """Return the field that `to_arrays` and `to_json` (`header`) gave; its arrays are taken out of `arrays`.
 
         F4xError, without the file's name, says what is missing or does not fit.
         """
@@ -298,7 +298,7 @@ class FeatureField:
 def quantise(
     static: np.ndarray, nodes: np.ndarray, bits: int = 8
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(static, nodes) as uint8 with the (low, step) float32 per channel that gives them back to half a step.
+    """Return (static, nodes) as uint8 with the (low, step) float32 per channel that gives them back to half a step.
 
     `static (Ns,D)`, `nodes (M,D)` float; `bits` 4 or 8. `TAIL` of the values are clipped at either end.
     """
@@ -312,7 +312,7 @@ def quantise(
 
 
 def _pca_array(pca: Pca) -> np.ndarray:
-    """(4,C): the mean, then the basis."""
+    """Return (4,C): the mean, then the basis."""
     return np.concatenate([pca.mean[None], pca.basis]).astype(np.float32)
 
 
@@ -321,7 +321,7 @@ def _pca_json(pca: Pca | None) -> dict[str, list[float]] | None:
 
 
 def _pca(header: Any, arrays: dict[str, np.ndarray], name: str, channels: int) -> Pca | None:
-    """The Pca that `_pca_json` and `_pca_array` gave, its array taken out of `arrays`."""
+    """Return the Pca that `_pca_json` and `_pca_array` gave, its array taken out of `arrays`."""
     if header is None:
         return None
     array = arrays.pop(name, None)

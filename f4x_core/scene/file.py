@@ -374,12 +374,12 @@ def _group(arrays: dict[str, np.ndarray], group: str, layout: Mapping[str, Any])
 
 
 def _key(group: str, name: str) -> str:
-    """The member of the file that holds the array `name` of a group."""
+    """Return the member of the file that holds the array `name` of a group."""
     return f"{group}/{KEYS.get(name, name)}"
 
 
 def _scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
-    """All arrays of the file by name, in the file's dtypes, C order; parts a scene does not need are left out."""
+    """Return all arrays of the file by name, in the file's dtypes, C order; parts a scene does not need are left out."""
     parts = {"static": scene.static, "dynamic": scene.dynamic, "scaffold": scene.scaffold, "cameras": scene.cameras}
     arrays = {
         _key(group, name): np.ascontiguousarray(getattr(parts[group], name), dtype)
@@ -412,7 +412,7 @@ def _npy_header(array: np.ndarray) -> bytes:
 
 
 def _bytes_of(array: np.ndarray) -> memoryview:
-    """The raw bytes of a C-order array, without a copy."""
+    """Return the raw bytes of a C-order array, without a copy."""
     return array.reshape(-1).view(np.uint8).data
 
 
@@ -424,7 +424,7 @@ def _member(name: str, size: int) -> zipfile.ZipInfo:
 
 
 def _json_bytes(header: Mapping[str, Any], path: Path) -> bytes:
-    """The bytes of scene.json, which every reader will accept: checked here, before anything is replaced."""
+    """Return the bytes of scene.json, which every reader will accept: checked here, before anything is replaced."""
     header = json_data(header)
     _check_header(header, path)
     try:

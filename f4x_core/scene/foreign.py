@@ -62,7 +62,7 @@ class SplatSequence:
         return len(self.paths)
 
     def __getitem__(self, index: int) -> Scene:
-        """The scene of one frame, in which nothing moves. Raises F4xError that names the file."""
+        """Return the scene of one frame, in which nothing moves. Raises F4xError that names the file."""
         return _read_ply_scene(self.paths[index], self.name, None if index == 0 else self.offset)
 
     @cached_property
@@ -87,7 +87,7 @@ class SplatSequence:
         """None: motion between the files is not known."""
 
     def posed(self, time: float) -> PosedSplats:
-        """The splats of the file nearest to clip time `time`."""
+        """Return the splats of the file nearest to clip time `time`."""
         return self._frame(int(np.clip(round(time), 0, len(self) - 1)))
 
     @cached_property
@@ -116,7 +116,7 @@ def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
 def scene_of(
     splats: Splats, name: str, source: Path, notes: tuple[str, ...] = (), offset: np.ndarray | None = None
 ) -> Scene:
-    """A scene in which nothing moves, with one camera that frames the splats; F4xError names `source`.
+    """Return a scene in which nothing moves, with one camera that frames the splats; F4xError names `source`.
 
     Positions that float32 cannot hold are brought near the origin by `offset (3,)`, by default the one that suits them.
     `notes` are what a person must know of how the file was read (`notes_of`).
@@ -145,7 +145,7 @@ def scene_of(
 
 
 def notes_of(opened: Scene | SplatSequence) -> tuple[str, ...]:
-    """Notes for the user on how splats of other programs were read, in sentences without a full stop."""
+    """Return the notes for the user on how splats of other programs were read, in sentences without a full stop."""
     if isinstance(opened, SplatSequence):
         return opened.notes
     return tuple(opened.provenance.get("import", {}).get("notes", ()))

@@ -82,7 +82,7 @@ class Surface:
 
 
 def sample(image: np.ndarray, uvs: np.ndarray) -> np.ndarray:
-    """(...,3) colors of a repeating `image (h,w,3)` at `uvs (...,2)` from its lower left, between pixels in proportion."""
+    """Return (...,3) colors of a repeating `image (h,w,3)` at `uvs (...,2)` from its lower left, between pixels in proportion."""
     height, width = image.shape[:2]
     x, y = uvs[..., 0] * width - 0.5, (1 - uvs[..., 1]) * height - 0.5
     left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
@@ -113,13 +113,13 @@ class Ground:
     """(H,W) number of the triangle, all surfaces' one after the other; -1 where there is none."""
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
     """(H,W,C) of `GEOMETRY`, 0 where there is no surface."""
-    share: np.ndarray | None = None
+    fraction: np.ndarray | None = None
     """(H,W) fraction of each pixel that all this is about; None = all of it, everywhere."""
     beside: Ground | None = None
     """Colour of the rest of each pixel; its limit is 0 where there is no rest."""
 
     def cut(self, region: tuple[slice, slice]) -> Ground:
-        """The part inside a region."""
+        """Return the part inside a region."""
         whole = {f.name: getattr(self, f.name) for f in fields(self)}
         arrays = {name: value[region] for name, value in whole.items() if isinstance(value, np.ndarray)}
         layers = {name: layer[region] for name, layer in self.layers.items()}
@@ -127,7 +127,7 @@ class Ground:
         return replace(self, **arrays, layers=layers, beside=beside)
 
     def matte(self, surfaces: Sequence[Surface], layer: str, ids: np.ndarray) -> np.ndarray:
-        """(H,W,K) 1 where a surface of that id shows itself."""
+        """Return (H,W,K) 1 where a surface of that id shows itself."""
         owners = np.repeat(
             np.array([surface.mattes.get(layer, 0) for surface in surfaces], np.uint32),
             [len(surface.triangles) for surface in surfaces],
@@ -206,7 +206,7 @@ class _Triangles:
         return cls(corners, owner, held, index, surfaces, np.cumsum([0, *counts[:-1]]), look)
 
     def seen(self, chosen: np.ndarray | None = None, offset: Sequence[float] = (0, 0)) -> tuple[np.ndarray, np.ndarray]:
-        """(depth (H,W), number of the triangle (H,W)) at the pixels' centres moved by `offset`; `chosen`: of those alone."""
+        """Return (depth (H,W), number of the triangle (H,W)) at the pixels' centres moved by `offset`; `chosen`: of those alone."""
         from ..raster.triangles import draw_triangles
 
         camera, corners = self.look.camera, self.corners if chosen is None else self.corners[chosen]
@@ -217,7 +217,7 @@ class _Triangles:
         return depth, hit if chosen is None else np.append(chosen, -1)[hit]
 
     def colors(self, hit: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        """(n,3) sRGB that triangles `hit (n,)` show at `pixels (n,2)`; 0 where they are held out."""
+        """Return (n,3) sRGB that triangles `hit (n,)` show at `pixels (n,2)`; 0 where they are held out."""
         weights = self._weights(hit, pixels)
         camera = self.look.camera
         rays = camera.unproject(pixels, np.ones(len(pixels))) - camera.center
@@ -240,14 +240,14 @@ class _Triangles:
         return edge_functions(local @ camera.intrinsics.T)
 
     def _weights(self, hit: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        """(n,3) barycentric coordinates of where the rays of `pixels` meet triangles."""
+        """Return (n,3) barycentric coordinates of where the rays of `pixels` meet triangles."""
         edges = self._edges[hit]
         found = edges[..., 0] * pixels[:, :1] + edges[..., 1] * pixels[:, 1:] + edges[..., 2]
         found = np.clip(found / found.sum(1, keepdims=True), 0, 1)  # rounding may leave the triangle
         return found / found.sum(1, keepdims=True)
 
     def meeting(self, mask: np.ndarray) -> np.ndarray:
-        """Numbers of the triangles whose rectangle on the screen holds a pixel of `mask (H,W)`."""
+        """Return the numbers of the triangles whose rectangle on the screen holds a pixel of `mask (H,W)`."""
         camera = self.look.camera
         local = self.corners @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
         ahead = (local[..., 2] > self.look.near).all(1)
@@ -263,7 +263,7 @@ class _Triangles:
 
 
 def _shaded(surface: Surface, triangle: np.ndarray, weights: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """(n,3) sRGB of places in triangles of a surface, by barycentric `weights (n,3)`, lit along `rays (n,3)`."""
+    """Return (n,3) sRGB of places in triangles of a surface, by barycentric `weights (n,3)`, lit along `rays (n,3)`."""
     if surface.colors.ndim == 2:
         colors = surface.colors[np.minimum(triangle, len(surface.colors) - 1)].astype(np.float64)
     else:
@@ -285,7 +285,7 @@ def _shaded(surface: Surface, triangle: np.ndarray, weights: np.ndarray, rays: n
 
 
 def _with_edges(sharp: Ground, drawn: _Triangles) -> Ground:
-    """The ground with soft edges where things meet."""
+    """Return the ground with soft edges where things meet."""
     owner = np.append(drawn.owner, -1)
     own = owner[sharp.hit]
     mask = _meets(own, sharp.rgb)
@@ -294,7 +294,7 @@ def _with_edges(sharp: Ground, drawn: _Triangles) -> Ground:
     chosen, look = drawn.meeting(mask), drawn.look
     centre, pixels = own[mask], look.camera.pixel_grid()[mask]
     count = len(centre)
-    share, same = np.zeros(count), np.zeros((count, 3))
+    kept, same = np.zeros(count), np.zeros((count, 3))
     rest = {"rgb": np.zeros((count, 3)), "alpha": np.zeros(count), "held": np.zeros(count)}
     nearest, limit = np.full(count, -1), np.full(count, np.inf)
     for offset in _offsets(look.samples):
@@ -303,28 +303,28 @@ def _with_edges(sharp: Ground, drawn: _Triangles) -> Ground:
         seen = hit >= 0
         rgb[seen] = drawn.colors(hit[seen], pixels[seen] + offset)
         stays = owner[hit] == centre
-        share += stays
+        kept += stays
         same += rgb * stays[:, None]
         held = seen & drawn.held[hit]
         for name, values in (("rgb", rgb * ~held[:, None]), ("alpha", seen & ~held), ("held", held)):
             rest[name] += np.where(stays if values.ndim == 1 else stays[:, None], 0, values)
         nearer = ~stays & (depth < limit)
         nearest[nearer], limit[nearer] = hit[nearer], depth[nearer]
-    others = np.maximum(look.samples - share, 1)
+    others = np.maximum(look.samples - kept, 1)
     rgb = sharp.rgb.copy()
-    rgb[mask] = np.where(share[:, None] > 0, same / np.maximum(share, 1)[:, None], rgb[mask])
+    rgb[mask] = np.where(kept[:, None] > 0, same / np.maximum(kept, 1)[:, None], rgb[mask])
     part = np.ones(mask.shape)
-    part[mask] = share / look.samples
-    limits = _spread(np.where(share < look.samples, np.minimum(limit, look.far), 0), mask, 0).astype(np.float32)
+    part[mask] = kept / look.samples
+    limits = _spread(np.where(kept < look.samples, np.minimum(limit, look.far), 0), mask, 0).astype(np.float32)
     found = {name: _spread((values.T / others).T, mask, 0) for name, values in rest.items()}
     far, zero = np.full(mask.shape, np.inf), np.zeros(mask.shape)
     hit = _spread(nearest, mask, -1)
     beside = Ground(found["rgb"], found["alpha"], found["held"], far, zero, limits, hit)
-    return replace(sharp, rgb=rgb, share=part, beside=beside)
+    return replace(sharp, rgb=rgb, fraction=part, beside=beside)
 
 
 def _meets(own: np.ndarray, rgb: np.ndarray) -> np.ndarray:
-    """(H,W) where what `own (H,W)` numbers, or its color, differs from that of a neighboring pixel, and beside that."""
+    """Return (H,W) where what `own (H,W)` numbers, or its color, differs from that of a neighboring pixel, and beside that."""
     mask = np.zeros(own.shape, bool)
     for axis in (0, 1):
         first, second = (
@@ -338,13 +338,13 @@ def _meets(own: np.ndarray, rgb: np.ndarray) -> np.ndarray:
 
 
 def _offsets(count: int) -> np.ndarray:
-    """(count,2) points of a pixel from its centre, each in a row and a column of its own."""
+    """Return (count,2) points of a pixel from its centre, each in a row and a column of its own."""
     order = np.argsort(np.argsort(np.arange(count) * (5**0.5 - 1) / 2 % 1))
     return np.stack([np.arange(count) + 0.5, order + 0.5], 1) / count - 0.5
 
 
 def _spread(values: np.ndarray, mask: np.ndarray, empty: float) -> np.ndarray:
-    """(H,W,...) `values` where `mask (H,W)` is, and `empty` elsewhere."""
+    """Return (H,W,...) `values` where `mask (H,W)` is, and `empty` elsewhere."""
     whole = np.full((*mask.shape, *values.shape[1:]), empty, values.dtype)
     whole[mask] = values
     return whole
@@ -353,7 +353,7 @@ def _spread(values: np.ndarray, mask: np.ndarray, empty: float) -> np.ndarray:
 def _layers(
     surfaces: Sequence[Surface], look: Look, wanted: Sequence[str], depth: np.ndarray, hit: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """`Ground.layers` of surfaces, with the `depth (H,W)` where they show themselves and the triangles `hit (H,W)`."""
+    """Return `Ground.layers` of surfaces, with the `depth (H,W)` where they show themselves and the triangles `hit (H,W)`."""
     there, camera = np.isfinite(depth), look.camera
     corners = np.concatenate([surface.triangles for surface in surfaces])[hit[there]].astype(np.float64)
     places = camera.unproject(camera.pixel_grid()[there], depth[there])

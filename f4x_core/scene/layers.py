@@ -38,7 +38,7 @@ MATTES = {"object": "CryptoObject", "collection": "CryptoAsset"}
 
 
 def named_layers(images: Mapping[str, np.ndarray], depth: int) -> dict[str, tuple[np.ndarray, str]]:
-    """Name in Blender -> ((H,W,C), channels) of `shoot`'s pictures; mattes as pairs, `depth` of a pixel."""
+    """Return name in Blender -> ((H,W,C), channels) of `shoot`'s pictures; mattes as pairs, `depth` of a pixel."""
     found = {}
     for name, image in images.items():
         if name in PASSES:

@@ -43,13 +43,13 @@ class Look:
 
 
 def is_refitted(scene: Scene) -> bool:
-    """True if the scene has an appearance that was fitted for such renderers."""
+    """Return True if the scene has an appearance that was fitted for such renderers."""
     wanted = {f"{part}/{name}" for part, held in _parts(scene) if len(held) for name in NAMES}
     return wanted <= scene.extra.keys()
 
 
 def linear_look(scene: Scene) -> Look:
-    """The unedited scene's appearance for linear light: the refitted one, else the fitted one with the footprint in its scales."""
+    """Return the unedited scene's appearance for linear light: the refitted one, else the fitted with footprint in its scales."""
     if is_refitted(scene):
         parts = [part for part, held in _parts(scene) if len(held)] or ["static"]
         return Look(*(np.concatenate([scene.extra[f"{part}/{name}"] for part in parts]) for name in NAMES))
@@ -64,7 +64,7 @@ def fitted_look(scene: Scene) -> Look:
 
 
 def with_look(scene: Scene, look: Look | None) -> Scene:
-    """The scene with `look` stored in it; None takes out what is stored."""
+    """Return the scene with `look` stored in it; None takes out what is stored."""
     extra = {name: array for name, array in scene.extra.items() if name.partition("/")[2] not in NAMES}
     if look is not None:
         for name, values in zip(NAMES, (look.scales, look.opacities, look.dc), strict=True):
@@ -74,7 +74,7 @@ def with_look(scene: Scene, look: Look | None) -> Scene:
 
 
 def linear_scene(scene: Scene) -> Scene:
-    """The unedited scene with its `linear_look` as its own arrays."""
+    """Return the unedited scene with its `linear_look` as its own arrays."""
     look = linear_look(scene)
     sets: Mapping[str, StaticSet] = dict(_parts(scene))
     new = {}
@@ -110,7 +110,7 @@ def footprint(scene: Posable) -> np.ndarray:
 
 
 def with_footprint(posed: PosedSplats, footprint: np.ndarray) -> PosedSplats:
-    """All Gaussians of a moment with `footprint (N,)` in their scales, for programs that add none."""
+    """Return all Gaussians of a moment with `footprint (N,)` in their scales, for programs that add none."""
     return replace(posed, scales=widened(posed.scales, footprint)) if footprint.any() else posed
 
 
@@ -121,7 +121,7 @@ def widened(scales: np.ndarray, footprint: np.ndarray) -> np.ndarray:
 
 
 def footprint_in(wide: np.ndarray, fitted: np.ndarray) -> np.ndarray:
-    """(N,) the footprint that made `wide (N,3)` of `fitted (N,3)` scales."""
+    """Return (N,) the footprint that made `wide (N,3)` of `fitted (N,3)` scales."""
     return narrowed(wide[:, :1], fitted[:, 0])[:, 0]
 
 
@@ -149,12 +149,12 @@ class Fitted:
 
     @classmethod
     def of(cls, fitted: Look, linear: Look) -> Fitted:
-        """The step from `linear` to `fitted`, the same Gaussians as a rasterizer with footprint draws them."""
+        """Return the step from `linear` to `fitted`, the same Gaussians as a rasterizer with footprint draws them."""
         scale = _ratio(fitted.scales.astype(np.float64), linear.scales.astype(np.float64))
         return cls(scale, fitted.dc - linear.dc, _ratio(_depth(fitted.opacities), _depth(linear.opacities)))
 
     def from_linear(self, linear: Look) -> Look:
-        """The fitted appearance that belongs to `linear`."""
+        """Return the fitted appearance that belongs to `linear`."""
         opacities = -np.expm1(-_depth(linear.opacities) * self.depth)
         return Look(linear.scales * self.scale, opacities.astype(np.float32), linear.dc + self.dc)
 
@@ -166,7 +166,7 @@ def _depth(opacities: np.ndarray) -> np.ndarray:
 
 
 def _ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """`above / below` in float32, 1 where `below` is 0."""
+    """Return `above / below` in float32, 1 where `below` is 0."""
     return np.divide(above, below, out=np.ones_like(above), where=below > 0).astype(np.float32)
 
 
@@ -175,7 +175,7 @@ def _parts(scene: Scene) -> tuple[tuple[str, StaticSet], ...]:
 
 
 def _rows(scene: Scene) -> dict[str, slice]:
-    """The rows of each set that is not empty, in the order of `posed`."""
+    """Return the rows of each set that is not empty, in the order of `posed`."""
     count = len(scene.static)
     rows = {"static": slice(0, count), "dynamic": slice(count, count + len(scene.dynamic))}
     return {part: rows[part] for part, held in _parts(scene) if len(held)}

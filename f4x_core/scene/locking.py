@@ -10,7 +10,7 @@ from pathlib import Path
 from ..files import link_target, lock_file, neighbour, remove_unfinished
 
 PATIENCE = 60.0
-"""Seconds to wait for another writer by default: longer than an edit takes, a language model's answer included."""
+"""Seconds to wait for another writer, or run, by default: longer than an edit takes, a language model's answer included."""
 
 _held = threading.local()  # `files`: the scene files whose locks this thread holds
 
@@ -40,3 +40,15 @@ def updating(path: Path | str, patience: float = PATIENCE) -> Iterator[None]:
             yield
         finally:
             held.discard(file)
+
+
+@contextmanager
+def only_run(verb: str, path: Path) -> Iterator[None]:
+    """Keep two runs of `f4x VERB` from changing the scene file at `path`, each without what the other adds.
+
+    A run takes minutes, so this is no lock of the scene: others edit it meanwhile, and the run keeps their edits.
+    Raises F4xError if another run holds it for longer than `PATIENCE` seconds.
+    """
+    busy = f"{path}: another `f4x {verb}` is working on this scene; try again when it is done."
+    with lock_file(neighbour(link_target(path), f"{verb}-lock"), busy, PATIENCE):
+        yield

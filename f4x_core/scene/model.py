@@ -134,12 +134,12 @@ class StaticSet(Splats):
 
     @classmethod
     def empty(cls, degree: int = 0, neighbours: int = 1) -> Self:
-        """A set without Gaussians; `neighbours` is K of a dynamic one."""
+        """Return a set without Gaussians; `neighbours` is K of a dynamic one."""
         layout = DYNAMIC_ARRAYS if cls is DynamicSet else GAUSSIAN_ARRAYS
         return cls(**empty_arrays(layout, S=(degree + 1) ** 2, K=neighbours))
 
     def presence(self, time: float) -> np.ndarray:
-        """(N,) float32 presence of each Gaussian at clip time `time`, 0 to 1."""
+        """Return (N,) float32 presence of each Gaussian at clip time `time`, 0 to 1."""
         if self.span is None:
             return np.ones(len(self), np.float32)
         return presence(self.span, time)
@@ -172,7 +172,7 @@ class DynamicSet(StaticSet):
 
 
 def _as_drawn(means: np.ndarray, quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and unit rotations in float32."""
+    """Return the centres and unit rotations in float32."""
     return means.astype(np.float32, copy=False), quaternion.normalize(quats).astype(np.float32, copy=False)
 
 
@@ -340,7 +340,7 @@ class Scene:
         return self.static.span is not None or self.dynamic.span is not None
 
     def presence(self, time: float) -> np.ndarray:
-        """(N,) float32 in the order of `base.posed`: presence of each Gaussian at `time`, 0 to 1."""
+        """Return (N,) float32 in the order of `base.posed`: presence of each Gaussian at `time`, 0 to 1."""
         return np.concatenate([self.static.presence(time), self.dynamic.presence(time)])
 
     def posed(self, time: float) -> PosedSplats:
@@ -370,7 +370,7 @@ class Scene:
         return _as_drawn(self.static.means, self.static.quats)
 
     def _carried(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Centres and rotations of the dynamic set at `time`, also of Gaussians that are absent then."""
+        """Return the centres and rotations of the dynamic set at `time`, also of Gaussians that are absent then."""
         dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
         weight, strength, means, quats = dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
         return move_gaussians(table, index, weight, strength, means, quats)
@@ -383,11 +383,11 @@ class Scene:
         return None if "import" in self.provenance else self.cameras.at(time).focal
 
     def latents(self) -> np.ndarray:
-        """(N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""
+        """Return (N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""
         return self._latents
 
     def require_field(self, heads: Sequence[str] = ()) -> FeatureField:
-        """The feature field; F4xError where there is none, or one of `heads` is missing in it."""
+        """Return the feature field; F4xError where there is none, or one of `heads` is missing in it."""
         if self.features is None:
             missing.refuse(
                 f"The scene '{self.name}' knows no words and looks yet, so nothing in it can be found by its name",

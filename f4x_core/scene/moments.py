@@ -73,7 +73,7 @@ def draw_moments(
 
 
 def centre_depth(depth: np.ndarray) -> float:
-    """Distance of the scene's centre from the camera: median of the middle of `depth (H,W)` within `CENTRE_DEPTH`; 1 if unknown."""
+    """Return the distance of the scene's centre: median of the middle of `depth (H,W)` within `CENTRE_DEPTH`; 1 if unknown."""
     height, width = depth.shape
     rows, columns = (slice(size // CENTRE_REGION, size - size // CENTRE_REGION) for size in (height, width))
     middle = depth[rows, columns]

@@ -26,14 +26,14 @@ class Mist:
 
 
 def mist_left(mist: Mist, places: np.ndarray, camera: Camera) -> np.ndarray:
-    """(N,) how much of `places (N,3)` in the world the mist leaves: 1 clear, 0 nothing."""
+    """Return (N,) how much of `places (N,3)` in the world the mist leaves: 1 clear, 0 nothing."""
     straight = np.linalg.norm(places - camera.center, axis=-1)
     distance = np.abs(camera.project(places)[1] - mist.back) if mist.back else straight
     return 1 - np.clip((distance - mist.start) / max(mist.depth, 1e-9), 0, 1) ** mist.exponent
 
 
 def normals(quats: np.ndarray, scales: np.ndarray, to_world: np.ndarray, looks: np.ndarray) -> np.ndarray:
-    """(N,3) unit normals in the world: the shortest axis of each Gaussian, turned towards the camera.
+    """Return (N,3) unit normals in the world: the shortest axis of each Gaussian, turned towards the camera.
 
     Args:
         quats: (N,4) wxyz, any length, in the frame of the object.
@@ -54,7 +54,7 @@ def vectors(
     camera: Camera,
     cameras: tuple[Camera, Camera] | None,
 ) -> np.ndarray:
-    """(N,4) motion in pixels as in Blender's pass Vector, x right and y up: XY = before - now, ZW = now - after.
+    """Return (N,4) motion in pixels as in Blender's pass Vector, x right and y up: XY = before - now, ZW = now - after.
 
     Args:
         places: (N,3) in the world, now.

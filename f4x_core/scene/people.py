@@ -47,7 +47,7 @@ class People:
     """(N,) uint8: index in `PARTS` + 1; 0 = none, or nobody's."""
 
     def single_ones(self, rows: np.ndarray) -> np.ndarray | None:
-        """(n,) int from 0: the person, or the limb, that each of the Gaussians `rows (n,)` belongs to; None unless all do.
+        """Return (n,) int from 0: the person, or the limb, that each of the Gaussians `rows (n,)` belongs to; None unless all do.
 
         Where all rows belong to arms, hands, legs and feet, left and right of one person count as two.
         """
@@ -59,7 +59,7 @@ class People:
 
 
 def people_of(scene: Scene) -> People | None:
-    """The people of a scene with its edits, in the order of `posed`; None where it knows of none."""
+    """Return the people of a scene with its edits, in the order of `posed`; None where it knows of none."""
     base = scene.base
     values = []
     for name in NAMES:
@@ -74,13 +74,13 @@ def people_of(scene: Scene) -> People | None:
 
 
 def single_people(scene: Scene, rows: np.ndarray) -> np.ndarray | None:
-    """(n,) int: `People.single_ones` of the Gaussians `rows (n,)`; None where the scene knows of no people."""
+    """Return (n,) int: `People.single_ones` of the Gaussians `rows (n,)`; None where the scene knows of no people."""
     people = people_of(scene)
     return None if people is None else people.single_ones(rows)
 
 
 def from_left(scene: Scene, frame: int | None = None) -> tuple[np.ndarray, int]:
-    """(People of the scene without its edits, (n,) int as in `People.person`, from left to right; the frame in which).
+    """Return (People of the scene without its edits, (n,) int as in `People.person`, from left to right; the frame in which).
 
     By default that is the first frame that shows all of them, or where none does, most of them. Those who are outside of the
     picture stand beside it. Needs a scene that knows its people.
@@ -107,12 +107,12 @@ def from_left(scene: Scene, frame: int | None = None) -> tuple[np.ndarray, int]:
 
 
 def parts_called(name: str) -> list[int]:
-    """The values of `People.part` that a name means: that of "left hand", those of both hands for "hand"."""
+    """Return the values of `People.part` that a name means: that of "left hand", those of both hands for "hand"."""
     return [value for value, part in enumerate(PARTS, 1) if f" {part}".endswith(f" {name.strip()}")]
 
 
 def with_people(scene: Scene, people: People) -> Scene:
-    """The unedited scene with `people` stored in it."""
+    """Return the unedited scene with `people` stored in it."""
     count, extra = len(scene.static), dict(scene.extra)
     for name, values in zip(NAMES, (people.person, people.part), strict=True):
         extra |= {f"static/{name}": values[:count], f"dynamic/{name}": values[count:]}
@@ -120,7 +120,7 @@ def with_people(scene: Scene, people: People) -> Scene:
 
 
 def with_people_by_id(scene: Scene, ids: np.ndarray, people: People) -> Scene:
-    """The unedited scene with the `people` of the Gaussians `ids (n,)` stored in it; all others are nobody's."""
+    """Return the unedited scene with the `people` of the Gaussians `ids (n,)` stored in it; all others are nobody's."""
     order = np.argsort(ids)
     place = order[np.minimum(np.searchsorted(ids[order], scene.ids), len(ids) - 1)]
     known = ids[place] == scene.ids

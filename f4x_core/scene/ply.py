@@ -147,7 +147,7 @@ def read_ply_activation(path: Path | str) -> tuple[Splats, Activation]:
 
 
 def _splats_of(vertices: np.ndarray, rest_names: list[str], activation: Activation) -> Splats:
-    """Gaussians of some rows, in float64."""
+    """Return the Gaussians of some rows, in float64."""
     rest = len(rest_names) // 3
     opacities, scales = _columns(vertices, ("opacity",))[:, 0], _columns(vertices, SCALE)
     sh = np.empty((len(vertices), rest + 1, 3))
@@ -284,7 +284,7 @@ def _read_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> n
 
 
 def _parse_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> np.ndarray:
-    """The rows of an ASCII PLY, one line each."""
+    """Return the rows of an ASCII PLY, one line each."""
     names = dtype.names or ()
     if not names:
         raise F4xError(f"{path}: a PLY whose vertices have no properties; choose a Gaussian-splat PLY")
@@ -328,5 +328,5 @@ def _what_it_is(names: tuple[str, ...], missing: list[str], has_faces: bool) -> 
 
 
 def _columns(vertices: np.ndarray, names: tuple[str, ...] | list[str]) -> np.ndarray:
-    """The named properties as (N, len(names)) float64."""
+    """Return the named properties as (N, len(names)) float64."""
     return np.stack([vertices[name].astype(np.float64) for name in names], 1) if names else np.zeros((len(vertices), 0))

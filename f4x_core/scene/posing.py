@@ -43,7 +43,7 @@ class Posable(Protocol):
         """The scaffold that moves the dynamic Gaussians, if there is one."""
 
     def posed(self, time: float) -> PosedSplats:
-        """All Gaussians at a clip time."""
+        """Return all Gaussians at a clip time."""
 
 
 def similarity_of(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -88,12 +88,12 @@ def require_time(scene: Posable, time: float, flag: str) -> None:
 
 
 def moment(scene: Posable, time: float, transform: np.ndarray | None = None) -> PosedSplats:
-    """All that is visible at clip time `time`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
+    """Return all that is visible at clip time `time`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
     return visible(scene.posed(time), transform)
 
 
 def visible(posed: PosedSplats, transform: np.ndarray | None = None) -> PosedSplats:
-    """The visible part of `posed`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
+    """Return the visible part of `posed`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
     return transformed(posed.take(posed.opacities > 0), transform)
 
 

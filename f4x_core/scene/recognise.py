@@ -128,7 +128,7 @@ def _identify_folder(folder: Path) -> Kind:
 
 
 def numbered_files(folder: Path) -> list[Path]:
-    """The PLY files `NAME_0001.ply, …` of a folder in order; F4xError where they have several names."""
+    """Return the PLY files `NAME_0001.ply, …` of a folder in order; F4xError where they have several names."""
     files = [file for file in folder.iterdir() if NUMBERED.fullmatch(file.name) and not file.name.startswith(".")]
     files.sort(key=lambda file: natural_key(file.name))
     prefixes = {prefix(file) for file in files}
@@ -140,7 +140,7 @@ def numbered_files(folder: Path) -> list[Path]:
 
 
 def siblings(file: Path) -> list[Path]:
-    """The sequence that a numbered file belongs to, itself too; empty when its name has no padded number."""
+    """Return the sequence that a numbered file belongs to, itself too; empty when its name has no padded number."""
     match = NUMBERED.fullmatch(file.name)
     if match is None or len(match[2]) < PADDED:
         return []
@@ -159,6 +159,6 @@ def _uneven(files: list[Path]) -> str | None:
 
 
 def prefix(file: Path) -> str:
-    """The name of a numbered file without its number."""
+    """Return the name of a numbered file without its number."""
     match = NUMBERED.fullmatch(file.name)
     return match[1].rstrip("_-. ") if match else file.stem

@@ -29,7 +29,7 @@ def resemblance(scene: Scene, time: float, brightness: np.ndarray) -> float:
 
 
 def _shrunk(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """The means of `height` x `width` blocks of an image (H,W)."""
+    """Return the means of `height` x `width` blocks of an image (H,W)."""
     for axis, count in ((0, height), (1, width)):
         edges = np.linspace(0, image.shape[axis], count + 1).astype(int)
         sizes = np.diff(edges).reshape((-1, 1) if axis == 0 else (1, -1))

@@ -28,7 +28,7 @@ BLOCK = 256
 
 
 def _unfolds(poses: int, stored: int) -> bool:
-    """True where so many poses may be read of a file whose arrays take `stored` bytes."""
+    """Return True where so many poses may be read of a file whose arrays take `stored` bytes."""
     return poses <= MAX_POSES and poses * POSE_BYTES <= max(FREE_BYTES, MAX_INFLATION * stored)
 
 

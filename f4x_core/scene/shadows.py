@@ -37,9 +37,9 @@ class Lamp(Protocol):
     """Light source."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """(ways (N,S,3), irradiances (N,S)): from `points (N,3)` to S places of the lamp, and what each of them gives, W/m^2.
+        """Return ways (N,S,3) from `points (N,3)` to S places of the lamp, and the irradiance (N,S) by each of them, W/m^2.
 
-        That is on what faces the lamp. The ways to a sun are `reach` long.
+        Irradiance is that of a surface that faces the lamp. The ways to a sun are `reach` long.
         """
         ...
 
@@ -56,7 +56,7 @@ class Sun:
     """(3,) unit vector to it."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """See `Lamp`."""
+        """Return `Lamp.rays`."""
         ways = _to_disc(np.broadcast_to(reach * self.towards, points.shape), reach * self.size)
         return ways, np.full(ways.shape[:2], self.power / ways.shape[1])
 
@@ -68,12 +68,12 @@ class Ball:
     power: float
     """W."""
     size: float
-    """Its radius in world units; 0 has hard shadows."""
+    """Radius in world units; 0 has hard shadows."""
     place: np.ndarray
     """(3,) its centre in the world."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """See `Lamp`."""
+        """Return `Lamp.rays`."""
         middle = self.place - points
         squared = np.maximum((middle**2).sum(1), max(self.size, OFF) ** 2)
         ways = _to_disc(middle, self.size)
@@ -93,7 +93,7 @@ class Spot(Ball):
     """Fraction of the cone, by cosine, over which its light ends; 0 has a hard edge."""
 
     def rays(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """See `Lamp`."""
+        """Return `Lamp.rays`."""
         ways, given = super().rays(points, reach)
         own = (points - self.place) @ self.to_lamp.T
         along = -own[:, 2] / np.maximum(np.linalg.norm(own, axis=1), np.finfo(float).tiny)
@@ -134,7 +134,7 @@ class Area:
 
 
 def _to_disc(middle: np.ndarray, size: float) -> np.ndarray:
-    """(N,S,3) ways to S points on a disc of radius `size` across the ways `middle (N,3)`; one way without a size."""
+    """Return (N,S,3) ways to S points on a disc of radius `size` across the ways `middle (N,3)`; one way without a size."""
     if size <= 0:
         return middle[:, None]
     side = np.cross(middle, np.eye(3)[np.abs(middle).argmin(axis=1)])
@@ -177,7 +177,7 @@ def light_left(
 
 
 def _free(points: np.ndarray, ways: np.ndarray, asked: np.ndarray, casters: Sequence[Caster]) -> np.ndarray:
-    """(N,S) bool: on which of the `ways (N,S,3)` from `points (N,3)` nothing stands; looked at are those of `asked (N,S)`."""
+    """Return (N,S) bool: `ways (N,S,3)` from `points (N,3)` that meet no triangle; only those of `asked (N,S)` are tested."""
     free = asked.copy()
     for caster in casters:
         row, sample = np.nonzero(free & _meets(points, ways, caster.box))
@@ -188,7 +188,7 @@ def _free(points: np.ndarray, ways: np.ndarray, asked: np.ndarray, casters: Sequ
 
 
 def _meets(points: np.ndarray, ways: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """(N,S) bool: whether a way passes through a box."""
+    """Return (N,S) bool: whether a way passes through a box."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = (box[:, None, None] - points[:, None]) / ways  # (2,N,S,3)
     # a way along a side of the box has no number there, and does not leave it

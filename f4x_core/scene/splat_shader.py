@@ -155,7 +155,7 @@ void main()
 def splat_constants(
     camera: Camera, near: float, config: RasterConfig, splats: SplatTextures
 ) -> dict[str, tuple[float, ...]]:
-    """The values of `SPLAT_CONSTANTS`."""
+    """Return the values of `SPLAT_CONSTANTS`."""
     fx, fy, cx, cy = camera.intrinsics[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     return {
         "lens": (fx, fy, cx, cy),

@@ -59,7 +59,7 @@ class SplatTextures:
         self._order = np.zeros(0, np.float32)
 
     def __len__(self) -> int:
-        """Number of Gaussians."""
+        """Return the number of Gaussians."""
         return int(self.starts[-1])
 
     def update(self, clouds: Sequence[Cloud]) -> set[str]:
@@ -81,7 +81,7 @@ class SplatTextures:
         return changed
 
     def view(self, camera: Camera) -> np.ndarray:
-        """(1, VIEW_TEXELS clouds, 4) float32: what the shader needs of a camera and every cloud."""
+        """Return (1, VIEW_TEXELS clouds, 4) float32: what the shader needs of a camera and every cloud."""
         table = np.zeros((max(len(self.clouds), 1), VIEW_TEXELS, 4), np.float32)
         for number, cloud in enumerate(self.clouds):
             table[number, :3] = (camera.world_to_camera @ cloud.to_world)[:3]
@@ -89,7 +89,7 @@ class SplatTextures:
         return table.reshape(1, -1, 4)
 
     def order(self, camera: Camera, settings: OrderSettings) -> tuple[np.ndarray, int]:
-        """(rows, WIDTH, 1) float32 indices of what is seen, the farthest first, and their number; overwritten by the next call."""
+        """Return (rows, WIDTH, 1) float32 indices of seen Gaussians, the farthest first, and their number, until the next call."""
         if self._order.size != _padded(len(self)):
             self._order = np.zeros(_padded(len(self)), np.float32)
         rows = np.stack([(camera.world_to_camera @ cloud.to_world)[2] for cloud in self.clouds] or [np.zeros(4)])
@@ -110,11 +110,11 @@ class SplatTextures:
         return (self.split if name in MOVING else 0), len(self)
 
     def _texels(self, name: str) -> int:
-        """Texels of a Gaussian."""
+        """Return the texels of a Gaussian."""
         return max(self.terms, 1) if name == "harmonics" else 3 // CHANNELS[name] or 1
 
     def _rows(self, name: str) -> np.ndarray:
-        """(Gaussians of the texture, texels, channels) view of it."""
+        """Return (Gaussians of the texture, texels, channels) view of it."""
         first, last = self._page(name)
         shape = (last - first, self._texels(name), CHANNELS[name])
         return self.arrays[name].reshape(-1)[: math.prod(shape)].reshape(shape)
@@ -163,13 +163,13 @@ def triangle_vertices(surfaces: Sequence[Surface]) -> dict[str, np.ndarray]:
 
 
 def _lit(surface: Surface) -> np.ndarray:
-    """(T,3,3) sRGB at the corners, with what the surface gives off."""
+    """Return (T,3,3) sRGB at the corners, with what the surface gives off."""
     colors = surface.corner_colors
     return colors if surface.glow is None else srgb_from_linear(linear_from_srgb(colors) + surface.glow[:, None])
 
 
 def clip_matrix(camera: Camera, near: float) -> np.ndarray:
-    """(4,4) from the world to OpenGL's clip space, without a far plane; rows of the picture run downwards."""
+    """Return (4,4) from the world to OpenGL's clip space, without a far plane; rows of the picture run downwards."""
     fx, fy, cx, cy = camera.intrinsics[[0, 1, 0, 1], [0, 1, 2, 2]]
     width, height = camera.width, camera.height
     lens = np.array(
@@ -184,7 +184,7 @@ def clip_matrix(camera: Camera, near: float) -> np.ndarray:
 
 
 def _padded(texels: int) -> int:
-    """Texels of the whole rows that hold this many, at least one row."""
+    """Return the texels of the whole rows that hold this many, at least one row."""
     return max(-(-texels // WIDTH), 1) * WIDTH
 
 

@@ -182,15 +182,15 @@ class _Drawing:
         return cls(composite, camera, settings, surfaces, numbers, mattes, holds)
 
     def over(self, back: Ground, part: tuple[slice, slice], passes: Collection[str]) -> dict[str, np.ndarray]:
-        """The passes of a part of the picture, over the ground of all of its rows."""
+        """Return the passes of a part of the picture, over the ground of all of its rows."""
         own = self._over(back, part, passes)
         columns = part[1]
-        if back.share is None or back.beside is None or back.share[:, columns].min(initial=1) == 1:
+        if back.fraction is None or back.beside is None or back.fraction[:, columns].min(initial=1) == 1:
             return own
         beside = self._over(back.beside, part, [name for name in passes if name not in (*SHARP, "mist")])
-        share = back.share[:, columns].astype(np.float32)
+        fraction = back.fraction[:, columns].astype(np.float32)
         for name, image in beside.items():
-            weight = share.reshape(*share.shape, *[1] * (image.ndim - 2))
+            weight = fraction.reshape(*fraction.shape, *[1] * (image.ndim - 2))
             own[name] = weight * own[name] + (1 - weight) * image
         return own
 
@@ -215,12 +215,12 @@ class _Drawing:
 
 
 def as_seen(clouds: Sequence[Cloud], back: float) -> list[Cloud]:
-    """The clouds without the focal lengths of their fits where the view has no perspective (`back` > 0), and so no angles."""
+    """Return the clouds without their fitted focal lengths where the view has no perspective (`back` > 0), and so no angles."""
     return [replace(cloud, fitted_focal=None) for cloud in clouds] if back else list(clouds)
 
 
 def _tall_bands(rows: slice, width: int) -> Iterator[slice]:
-    """`rows` in parts of `TALLEST` pixels: as few as memory allows, because each looks at all Gaussians."""
+    """Return `rows` in parts of `TALLEST` pixels: as few as memory allows, because each looks at all Gaussians."""
     count = max(1, TALLEST // width)
     return (slice(first, min(first + count, rows.stop)) for first in range(rows.start, rows.stop, count))
 
@@ -236,7 +236,7 @@ def _bands(rows: slice, width: int) -> Iterator[slice]:
 
 
 def _matte_ids(clouds: Sequence[Cloud], surfaces: Sequence[Surface], layer: str) -> np.ndarray:
-    """(K,) uint32, increasing: everything that a layer of mattes tells apart."""
+    """Return (K,) uint32, increasing: everything that a layer of mattes tells apart."""
     owners: list[Cloud | Surface] = [*clouds, *surfaces]
     parts = [np.atleast_1d(owner.mattes[layer]) for owner in owners if layer in owner.mattes]
     found = np.unique(np.concatenate([np.zeros(0, np.uint32), *parts]))
@@ -251,7 +251,7 @@ def _own_layers(
     mattes: Mapping[str, np.ndarray],
     wanted: Collection[str],
 ) -> dict[str, np.ndarray]:
-    """Layer -> (N,C) numbers of one cloud's Gaussians, of those layers that it has."""
+    """Return layer -> (N,C) numbers of one cloud's Gaussians, of those layers that it has."""
     count = len(cloud.means)
     own = {"rgb": cloud.colors(camera.center), **cloud.layers}
     if "shown" in wanted:
@@ -271,14 +271,14 @@ def _own_layers(
 
 
 def _ways(places: np.ndarray, beside: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """(N,6) from `places (N,3)` to where they were and will be."""
+    """Return (N,6) from `places (N,3)` to where they were and will be."""
     return np.concatenate([there - places for there in beside or (places, places)], 1)
 
 
 def _on_rays(
     drawn: dict[str, np.ndarray], camera: Camera, settings: DrawSettings, region: tuple[slice, slice]
 ) -> dict[str, np.ndarray]:
-    """Passes `position` and `vector` of a region's `drawn` passes `depth` and, where that is wanted, the ways of `vector`."""
+    """Return the passes `position` and `vector` of a region's `drawn` passes `depth` and, where wanted, the ways of `vector`."""
     there = drawn["depth"] < NOTHING
     pixels = camera.pixel_grid()[region][there]
     places = camera.unproject(pixels, drawn["depth"][there].astype(np.float64))

@@ -44,7 +44,7 @@ class Tints:
     """(Ns,K,3) and (Nd,K,3) int8, in 255ths of display color; either may be left out where there are no such Gaussians."""
 
     def at(self, time: float) -> np.ndarray:
-        """(N,3) float32 display color to be added at clip time `time`; before the first and after the last time as there."""
+        """Return (N,3) float32 display color to be added at clip time `time`; before the first and after the last time as there."""
         place = float(np.interp(time, self.times, np.arange(len(self.times))))
         lower = int(place)
         upper, fraction = min(lower + 1, len(self.times) - 1), place - lower
@@ -57,7 +57,7 @@ class Tints:
 
 
 def tints_in(extra: Mapping[str, np.ndarray], counts: Sequence[int]) -> Tints | None:
-    """The tints among the arrays `extra` of a scene with `counts` static and dynamic Gaussians; None where there are none.
+    """Return the tints among the arrays `extra` of a scene with `counts` static and dynamic Gaussians; None where there are none.
 
     Raises F4xError where they do not belong to such a scene.
     """
@@ -78,7 +78,7 @@ def tints_in(extra: Mapping[str, np.ndarray], counts: Sequence[int]) -> Tints | 
 
 
 def with_tints(scene: Scene, times: np.ndarray, values: np.ndarray) -> Scene:
-    """The unedited scene with tints `values (N,K,3)` int8 at clip times `times (K,)`, in the order of `posed`."""
+    """Return the unedited scene with tints `values (N,K,3)` int8 at clip times `times (K,)`, in the order of `posed`."""
     count = len(scene.static)
     arrays = {TIMES: np.asarray(times, np.float64), PARTS[0]: values[:count], PARTS[1]: values[count:]}
     if not len(scene.dynamic):
@@ -95,7 +95,7 @@ def without_tints(scene: Any) -> Any:
 
 
 def quantized(tint: np.ndarray) -> np.ndarray:
-    """A tint (…,3) of display color as int8."""
+    """Return a tint (…,3) of display color as int8."""
     return np.clip(np.rint(tint * LEVELS), -LARGEST, LARGEST).astype(np.int8)
 
 
@@ -107,7 +107,7 @@ def tinted(sh: np.ndarray, tint: np.ndarray) -> np.ndarray:
 
 
 def gain_of(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(n,3) how much larger a tint is on colors that an edit made of others: harmonics (n,S,3) `before` and `after` it."""
+    """Return (n,3) how much larger a tint is on colors that an edit made of others: harmonics (n,S,3) `before` and `after` it."""
     old, new = (spherical_harmonics.rgb_from_dc(sh[:, 0]) for sh in (before, after))
     gain = np.clip(new / np.maximum(old, np.float32(DARK)), 0, MOST_GAIN)
     same = (before[:, 0] == after[:, 0]).all(1)

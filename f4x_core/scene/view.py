@@ -31,13 +31,11 @@ def render(
     time: float,
     channels: Sequence[str] = CHANNELS,
     backend: str = "auto",
-    background: Sequence[float] = (0.0, 0.0, 0.0),
     values: Mapping[str, np.ndarray] | None = None,
-    config: RasterConfig | None = None,
 ) -> dict[str, np.ndarray]:
     """Render the scene at clip time `time` (frame index, float allowed) from `camera`; float32 arrays by channel name.
 
-    * `rgb (H,W,3)` sRGB over `background`, not clamped above 1.
+    * `rgb (H,W,3)` sRGB over black, not clamped above 1; `over_background` puts another color behind it.
     * `depth (H,W)` expected z depth in world units, NaN where alpha < 0.1.
     * `alpha (H,W)` in [0, 1).
     * `motion (H,W,2)` pixels (right, down) from `time` to `time + 1` through this same, standing camera; alpha-weighted
@@ -46,8 +44,7 @@ def render(
     * `head:NAME (H,W,C)` what that head decodes from it, 0 where alpha < 0.1.
     * every name in `values`: `(N,C)` numbers of the posed Gaussians, composited like colours over 0 -> `(H,W,C)`.
 
-    `backend` and `config` go to `raster.rasterize`; None is `fitted_config`. Raises F4xError for an unknown channel or a missing
-    backend.
+    `backend` goes to `raster.rasterize`. Raises F4xError for an unknown channel or a missing backend.
     """
     heads = [name for name in channels if name.startswith(HEAD)]
     unknown = set(channels) - {*CHANNELS, *heads, "latent"}
@@ -70,10 +67,7 @@ def render(
     layers |= values or {}
     # depth and alpha come with any channel, so a render of them alone carries one empty channel
     widths = {name: layer.shape[1] for name, layer in layers.items()} or {"": 1}
-    behind = np.zeros(sum(widths.values()), np.float32)
-    if "rgb" in layers:
-        behind[:3] = background
-    drawn = Composite.of([cloud], [layers], widths, camera, config).draw(backend, behind)
+    drawn = Composite.of([cloud], [layers], widths, camera).draw(backend)
     images = {name: drawn.layers[name] for name in layers}
     if "alpha" in channels:
         images["alpha"] = drawn.alpha
@@ -86,6 +80,11 @@ def render(
         for name in heads:
             images[name] = drawn.covered[..., None] * features.decode(name.removeprefix(HEAD), images["latent"])
     return images
+
+
+def over_background(images: Mapping[str, np.ndarray], color: Sequence[float]) -> np.ndarray:
+    """Return the `rgb (H,W,3)` of rendered `images`, which have their `alpha`, over one sRGB color."""
+    return images["rgb"] + (1 - images["alpha"])[..., None] * np.asarray(color, np.float32)
 
 
 def render_trajectory(
@@ -103,14 +102,14 @@ def render_trajectory(
 
 
 def fitted_config(scene: Scene, camera: Camera, time: float) -> RasterConfig:
-    """The rasteriser's constants with which an image from `camera` shows what was fitted, whatever its size."""
+    """Return the rasteriser's constants with which an image from `camera` shows what was fitted, whatever its size."""
     from ..raster import RasterConfig
 
     return RasterConfig.as_fitted(scene.fitted_focal(time), camera)
 
 
 def seen_from(scene: Scene, views: Iterable[tuple[Camera, float]], margin: float = 0.0) -> Scene:
-    """The scene with no more background than cameras at times show, in pictures larger by `margin` on every side (shares).
+    """Return the scene with no more background than cameras at times show, in pictures larger by `margin` on every side (shares).
 
     What its background leaves out draws nothing there (`raster.in_view`), so pictures are the same, for the memory of what is
     seen. Features are left behind.

@@ -82,7 +82,7 @@ def labelled_grid(
     column_names: Sequence[str],
     marked: int | None = None,
 ) -> Image.Image:
-    """Pictures of one size (H,W,3) uint8 in a grid with labels; wide ones are shrunk to `CELL_WIDTH`. Needs Pillow.
+    """Return the pictures of one size (H,W,3) uint8 in a grid with labels; wide ones are shrunk to `CELL_WIDTH`. Needs Pillow.
 
     The column `marked` is framed.
     """
@@ -111,7 +111,7 @@ def labelled_grid(
 
 
 def _ramp(position: np.ndarray, at: np.ndarray, colours: np.ndarray) -> np.ndarray:
-    """Colours (...,3) at `position (...)`, linear between `colours (n,3)` that stand at `at (n,)`, held at the ends."""
+    """Return the colours (...,3) at `position (...)`, linear between `colours (n,3)` that stand at `at (n,)`, held at the ends."""
     return np.stack([np.interp(position, at, colours[:, channel]) for channel in range(3)], axis=-1)
 
 

@@ -30,9 +30,9 @@ class FittedWindow:
     """Results of one window for the page and the terminal."""
 
     frames: str
-    """Its first and last frame, counted from the first of the shot, in words."""
+    """First and last frame, counted from the first of the shot, in words."""
     place: str
-    """Its folder, from that of the shot."""
+    """Folder of the window, relative to that of the shot."""
     metrics: Mapping[str, Any]
     """Metrics of `evaluation.evaluate` for the window as it was fitted."""
     findings: tuple[Finding, ...]
@@ -68,11 +68,11 @@ class FittedWindow:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Sorts windows, the worst first."""
+        """Sort key of windows, the worst first."""
         return ORDER.index(self.quality), fair_score(self.metrics) or 0.0
 
     def row(self) -> dict[str, Any]:
-        """Row of `metrics.json`."""
+        """Return the row of `metrics.json`."""
         row = {"frames": self.frames, "quality": self.quality, "page": f"{self.place}/{PAGE}"}
         row["verdict"] = verdict(self.metrics, self.findings, f"The window of frames {self.frames}")
         findings = [asdict(finding) for finding in self.findings]
@@ -118,7 +118,7 @@ def _sections(
     metrics: Mapping[str, Any],
     shared: Sequence[tuple[int, int]],
 ) -> list[str]:
-    """The body of the page, verdict `summary` first; `shared` (first frame, end) are frames of two windows."""
+    """Return the body of the page, verdict `summary` first; `shared` (first frame, end) are frames of two windows."""
     from ..report.diagnostics import finding_boxes, frame_scores, needs_table  # draws: only where a page is made
 
     counted = (
@@ -152,7 +152,7 @@ def _sections(
 
 
 def _angles(parts: Sequence[FittedWindow]) -> str:
-    """The angle of every window."""
+    """Return the angle of every window."""
     rows = [[part.frames, "unknown" if part.believed is None else f"{part.believed:.1f}°"] for part in parts]
     return page.table(["frames", "views that can be believed, off the camera's path"], rows)
 

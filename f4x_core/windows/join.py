@@ -37,7 +37,7 @@ HIDDEN = 0.1
 
 
 def spans_of(windows: Sequence[tuple[int, int]], times: np.ndarray) -> np.ndarray:
-    """(P,4) when each of the windows (first frame, end) is there: ramps amid the shared frames, none at the clip's ends.
+    """Return (P,4) when each of the windows (first frame, end) is there: ramps amid the shared frames, none at the clip's ends.
 
     `times (T,)`: those of the frames.
     """
@@ -165,7 +165,7 @@ class _Moving:
         self.last = None
 
     def finish(self) -> tuple[DynamicSet, Scaffold | None]:
-        """The joined set and scaffold."""
+        """Return the joined set and scaffold."""
         self._rest(None)
         if not self.parts:
             return DynamicSet.empty(), None
@@ -218,7 +218,7 @@ class _Path:
 
 
 def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:
-    """The dynamic set of a window, where it follows `shared (M,)` nodes resting at frames (rows) that are its `alone`.
+    """Return the dynamic set of a window, where it follows `shared (M,)` nodes resting at frames (rows) that are its `alone`.
 
     At the other frames those nodes are also another window's. What follows none of them rests where it was fitted: to rest
     elsewhere is not quite the same where nodes part, least of all at a window's first and last frames, which are fitted worst.
@@ -278,7 +278,7 @@ def _compared_frames(windows: Sequence[tuple[int, int]]) -> Iterator[int]:
 
 
 def _weights(scene: Scene, time: float, backend: str) -> np.ndarray:
-    """(N,) blend weights of every Gaussian, summed over the clip's picture at `time`."""
+    """Return (N,) blend weights of every Gaussian, summed over the clip's picture at `time`."""
     from ..raster.blend_weights import blend_weight_sums
 
     camera = scene.cameras.at(time)

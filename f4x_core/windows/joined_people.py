@@ -62,7 +62,7 @@ class JoinedPeople:
 
 
 def _overlap(scene: Scene, before: Scene, shared: Sequence[tuple[float, float]], size: tuple[int, int]) -> np.ndarray:
-    """(people here + 1, people before + 1) intersection over union of the masks of each two people in the shared frames."""
+    """Return (people here + 1, people before + 1) intersection over union of the masks of each two people in the shared frames."""
     both, own, earlier = np.zeros(size), np.zeros(size[0]), np.zeros(size[1])
     for row in np.unique(np.linspace(0, len(shared) - 1, FRAMES).round().astype(int)):
         there, here = shared[row]
@@ -76,7 +76,7 @@ def _overlap(scene: Scene, before: Scene, shared: Sequence[tuple[float, float]],
 
 
 def _masks(scene: Scene, seen_by: Scene, time: float, camera_time: float, count: int) -> np.ndarray:
-    """(pixels, count) float: the people of `scene` at `time`, by their numbers, through a camera of `seen_by`."""
+    """Return (pixels, count) float: the people of `scene` at `time`, by their numbers, through a camera of `seen_by`."""
     people = people_of(scene)
     assert people is not None
     camera = seen_by.cameras.at(camera_time)

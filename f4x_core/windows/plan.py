@@ -84,7 +84,7 @@ def plan_windows(start: int, end: int, length: int, overlap: int = OVERLAP) -> t
 
 
 def plan_shots(count: int, cuts: Sequence[int], length: int, overlap: int = OVERLAP) -> tuple[Shot, ...]:
-    """The windows of every shot of a clip of `count` frames that is cut before each of `cuts`.
+    """Return the windows of every shot of a clip of `count` frames that is cut before each of `cuts`.
 
     Shots too short for any fit are left out.
     """

@@ -98,7 +98,7 @@ class EarlierBackground:
     """(D,) bool: which of those drawn are learnt further."""
 
     def with_own(self, static: StaticSet) -> StaticSet:
-        """The window's whole background: the Gaussians that stayed as they were, then its own."""
+        """Return the window's whole background: the Gaussians that stayed as they were, then its own."""
         return followed_by(self.world.take(~np.isin(self.world.ids, self.drawn.ids[self.learns])), static)
 
     def known(self, next_id: int) -> KnownGround:
@@ -130,7 +130,7 @@ class PreviousWindow:
         return state.hexdigest()
 
     def depth(self, clip: Clip, backend: str = "auto") -> np.ndarray:
-        """(F,H,W) depth that the earlier scene shows in the supervised frames of the later `clip`, NaN where it ends."""
+        """Return (F,H,W) depth that the earlier scene shows in the supervised frames of the later `clip`, NaN where it ends."""
         frames = np.asarray(clip.supervised)
         known = np.full((len(frames), clip.height, clip.width), np.nan, np.float32)
         size = clip.width, clip.height
@@ -145,7 +145,7 @@ class PreviousWindow:
 
         Scale: median ratio of the depth that the earlier scene shows to the priors', where nothing moves. Rotation and place:
         the mean over the shared cameras. How far away movers are is a guess that may differ from window to window: they get
-        the ratio of their own pixels, as long as it leaves them in front of what stands around them.
+        the ratio of their own pixels, as long as it leaves them in front of the surfaces around them.
         """
         assert priors.cameras is not None
         assert priors.depth is not None
@@ -210,7 +210,7 @@ class PreviousWindow:
         return replace(priors, cameras=replace(path, world_to_camera=views), depth=depth)
 
     def _registered(self, camera: Camera, image: np.ndarray, still: np.ndarray, freedom: int, backend: str) -> Camera:
-        """The camera from which the background is seen where it is in `image` (H,W,3) uint8, judged where `still` (H,W)."""
+        """Return the camera from which the background is seen where it is in `image` (H,W,3) uint8, judged where `still` (H,W)."""
         seen, flow = self._ground(camera, backend), dis("medium", 0)
         drawn, target = grey(np.stack([(255 * seen["rgb"].clip(0, 1)).astype(np.uint8), image]))
         there = flow(drawn, target)
@@ -234,7 +234,7 @@ class PreviousWindow:
         return moved(least_squares(off, np.zeros(freedom), loss="soft_l1", f_scale=FLOW_ERROR).x)
 
     def _shown(self, frame: int, size: tuple[int, int], backend: str) -> dict[str, np.ndarray]:
-        """Depth and alpha of the earlier scene in its own `frame`, in a picture of `size` (width, height)."""
+        """Return the depth and alpha of the earlier scene in its own `frame`, in a picture of `size` (width, height)."""
         time = float(self.scene.cameras.times[frame])
         camera = self.scene.cameras[frame].resized(*size)
         return render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
@@ -296,7 +296,7 @@ class PreviousWindow:
         return Comparison(there & (off > WRONG), there, ((seen["rgb"].clip(0, 1) - image) ** 2).mean(-1))
 
     def continued(self, scaffold: Scaffold) -> Scaffold:
-        """The window's scaffold with the ids of the earlier nodes that go on in it, and new ones for the others."""
+        """Return the window's scaffold with the ids of the earlier nodes that go on in it, and new ones for the others."""
         before = self.scene.scaffold
         if before is None:
             return replace(scaffold, ids=self.next_node + np.arange(len(scaffold)))
@@ -318,7 +318,7 @@ def _worse(errors: np.ndarray, shared: np.ndarray) -> bool:
 
 
 def _room(depth: np.ndarray, moving: np.ndarray) -> float:
-    """Return the factor by which moving objects may be farther away and still be in front of what stands around them."""
+    """Return the factor by which moving objects may be farther away and still be in front of the surfaces around them."""
     found = []
     for z, mask in zip(depth, moving, strict=True):
         known = np.isfinite(z) & (z > 0)
@@ -346,16 +346,16 @@ class WindowFit(ClipFit):
         return config_hash(super().settings_hash(), self.previous.digest)
 
     def known_depth(self) -> np.ndarray:
-        """Depth that the earlier scene shows."""
+        """Return the depth that the earlier scene shows."""
         return self.previous.depth(self.clip, self.config.backend)
 
     def make_priors(self) -> Priors:
-        """The priors of the window, in the world of the one before and seen from cameras that agree with its background."""
+        """Return the priors of the window, in the world of the one before and seen from cameras that agree with its background."""
         backend, previous = self.config.backend, self.previous
         return previous.track(self.clip, previous.place(super().make_priors(), backend), MASK_MARGIN, backend)
 
     def start(self, priors: Priors) -> Trainer:
-        """The trainer, in front of the background that stays."""
+        """Return the trainer, in front of the background that stays."""
         config, frames = self.config, spawn_frames(priors, self.config)
         self.background = self.previous.background(self.clip, priors, frames, MASK_MARGIN, config.backend)
         known = self.background.known(self.previous.scene.next_id)

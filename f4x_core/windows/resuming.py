@@ -25,7 +25,7 @@ def remember(folder: Path, options: Mapping[str, str]) -> None:
 
 
 def window_of(folder: Path) -> int | None:
-    """Frames of a window of the fit in `folder`, 0 for one at once; None where there is nothing to continue."""
+    """Return the frames of a window of the fit in `folder`, 0 for one at once; None where there is nothing to continue."""
     length = _made_with(folder).get(WINDOW)
     if length is None:
         return None
@@ -53,7 +53,7 @@ def require_same_at_once(folder: Path, options: Mapping[str, str]) -> None:
 
 
 def _made_with(folder: Path) -> dict[str, str]:
-    """The options of the windows in `folder`; of a fit at once only that it is one; nothing where none is there."""
+    """Return the options of the windows in `folder`; of a fit at once only that it is one; nothing where none is there."""
     if (folder / PLAN).is_file():
         return _read_options(folder / PLAN)
     return {WINDOW: AT_ONCE} if (folder / "checkpoints").is_dir() else {}

@@ -101,7 +101,7 @@ def fit_shot(shot: Shot, how: LongFit, folder: Path, progress: Progress = silent
 
 
 def _with_tints(scene: Scene, shot: Shot, how: LongFit, folder: Path, progress: Progress) -> Scene:
-    """The joined scene with colors over time, if they pay; frames are read one window at a time, each once."""
+    """Return the joined scene with colors over time, if they pay; frames are read one window at a time, each once."""
     config = how.config
     if not config.tints.enabled:
         return scene
@@ -116,7 +116,7 @@ def _with_tints(scene: Scene, shot: Shot, how: LongFit, folder: Path, progress: 
 
 
 def _part_progress(what: str, number: int, count: int, progress: Progress) -> Progress:
-    """A `Progress` for one of several shots or windows, whose messages name the number of the part."""
+    """Return a `Progress` for one of several shots or windows, whose messages name the number of the part."""
     if count == 1:
         return progress
 
@@ -129,7 +129,7 @@ def _part_progress(what: str, number: int, count: int, progress: Progress) -> Pr
 def evaluate_shot(
     scene: Scene, shot: Shot, read: Callable[[int, int], Clip], backend: str = "auto", progress: Progress = silent
 ) -> dict[str, Any]:
-    """The figures of `evaluation.evaluate.evaluate` for the joined scene, read one window at a time, and those of its seams.
+    """Return the figures of `evaluation.evaluate.evaluate` for the joined scene, read one window at a time, and those of its seams.
 
     `seam_psnr` and `rest_psnr` (dB) are means over the used frames that two windows share and over the others.
     """

@@ -50,7 +50,7 @@ class WindowBefore:
     """The window before one, as a file."""
 
     path: Path
-    """Its scene."""
+    """Path of its scene file."""
     offset: int
     """Frames from its first to the later window's first."""
     next_node: int
@@ -62,12 +62,12 @@ class WindowBefore:
 
     @classmethod
     def of(cls, scene: Scene, path: Path, offset: int) -> WindowBefore:
-        """The window whose `scene` is at `path`."""
+        """Return the window whose `scene` is at `path`."""
         next_node = int(scene.provenance["window"]["next_node"])
         return cls(path, offset, next_node, scene.next_id, PreviousWindow(scene, offset, next_node).digest)
 
     def read(self) -> PreviousWindow:
-        """The window with its scene."""
+        """Return the window with its scene."""
         return PreviousWindow(read_scene(self.path), self.offset, self.next_node)
 
 
@@ -94,7 +94,7 @@ class WindowRequest:
         return config_hash(resolved(self.config), state.hexdigest(), "" if self.before is None else self.before.digest)
 
     def finished(self) -> bool:
-        """True if an earlier run left the window's scene. Raises F4xError where that was another window."""
+        """Return True if an earlier run left the window's scene. Raises F4xError where that was another window."""
         path = self.folder / SCENE
         if not (self.resume and path.is_file()):
             return False
@@ -169,7 +169,7 @@ class WindowRequest:
             shutil.rmtree(folder / done, ignore_errors=True)
 
     def _fitted(self, progress: Progress) -> FitResult:
-        """The fit; what it held of the window before is gone when it ends."""
+        """Return the fit; what it held of the window before is gone when it ends."""
         if self.before is None:
             return ClipFit(self.clip, self.folder, self.config, progress, self.resume, whole=False).run()
         previous = self.before.read()
@@ -194,7 +194,7 @@ def masks_of(folder: Path) -> dict[int, np.ndarray] | None:
 
 
 def near_path(scene: Scene) -> Scene:
-    """The scene with no more background than is seen along its own cameras or BESIDE them: to measure it, and to look at it."""
+    """Return the scene with no more background than is seen along its own cameras or BESIDE them: to measure and to look at."""
     return seen_from(scene, original(scene.cameras), BESIDE)
 
 

@@ -203,12 +203,12 @@ def test_linear_model_and_linear_scene_are_one(arm):
     score = toy_fits.score_world(arm, scene)
     assert fitted.scene.provenance["config"]["steps"] == 6
     from f4x_core.fit.pipeline import start_fit
-    from f4x_core.fit.trainer import Trainer
+    from f4x_core.fit.trainer import FitStart, Trainer
 
     stage = start_fit(arm.clip, arm.priors, config)
     old = stage.model
     linear = ablations.LinearModel(old.static, old.dynamic, old.nodes, old.rig, old.kernel)
-    stage = Trainer(linear, arm.clip, stage.priors, config, stage.next_id)
+    stage = Trainer(linear, arm.clip, stage.priors, config, FitStart(stage.next_id))
     stage.run()
     with torch.no_grad():
         means = stage.model.dynamic_at(3.0)[0].means

@@ -14,10 +14,9 @@ from random_scene import HEIGHT, WIDTH, random_scene
 
 from f4x_core.features.pca import fit_pca
 from f4x_core.geometry.camera import Camera
-from f4x_core.raster import RasterConfig
 from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.color import linear_from_srgb
-from f4x_core.scene.view import render
+from f4x_core.scene.view import over_background, render
 
 from .artist import perform
 
@@ -228,8 +227,8 @@ def test_the_saved_png_is_the_cores_picture(folder, scene):
     for name, background in (("plain", (0, 0, 0)), ("world", None)):
         if background is None:
             background = [1.055 * c ** (1 / 2.4) - 0.055 for c in WORLD]
-        rgb = render(scene, scene.cameras[FRAME], FRAME, ("rgb",), background=background)["rgb"]
-        expected = np.round(np.clip(rgb, 0, 1) * 255).astype(int)
+        images = render(scene, scene.cameras[FRAME], FRAME, ("rgb", "alpha"))
+        expected = np.round(np.clip(over_background(images, background), 0, 1) * 255).astype(int)
         error = np.abs(picture(folder, name) - expected)
         assert error.max() <= 1 and (error > 0).mean() < 5e-3
 
@@ -383,7 +382,8 @@ def test_a_view_without_perspective(folder, scene):
     view[2, 3] += far
     focal = far * WIDTH / 2.0
     camera = Camera(np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]]), view, WIDTH, HEIGHT)
-    expected = render(scene, camera, FRAME, ("alpha", "depth"), config=RasterConfig())  # no angle to widen splats by
+    imported = replace(scene, provenance={"import": {"file": "a.ply"}})  # no angle to widen splats by
+    expected = render(imported, camera, FRAME, ("alpha", "depth"))
     assert np.abs(found["Alpha"] - expected["alpha"]).mean() < 1e-3 and expected["alpha"].max() > 0.5
     known = np.isfinite(expected["depth"]) & (found["Depth"] < 1e9)
     assert np.abs(found["Depth"] - (expected["depth"] - far))[known].mean() < 5e-3

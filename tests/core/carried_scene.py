@@ -1,7 +1,6 @@
 """A tiny model made by hand: static Gaussians, and dynamic ones on four nodes in a row, one unit apart, that rise and turn."""
 
 import numpy as np
-import torch
 
 from f4x_core.fit.model import NodeSet, SceneModel
 from f4x_core.gaussians import SpawnConfig, Spawned, spawn_dynamic, spawn_static
@@ -60,6 +59,5 @@ def carried_scene(moving: np.ndarray, reference: np.ndarray, nodes: int = 4, ker
     """A model whose dynamic Gaussians are at `moving (N,3)` in their frames `reference (N,)`."""
     scaffold = row_of_nodes(nodes)
     still = spawn_static(spawned_at(np.array([[0, -1, 0.5], [1, -1, 1], [2, -1, 0]])), 1, SpawnConfig())
-    poses = torch.from_numpy(scaffold.xyz), torch.from_numpy(scaffold.quat)
-    dynamic = spawn_dynamic(spawned_at(moving), reference, *poses, GRAPH.neighbours, 1, SpawnConfig(), 3)
+    dynamic = spawn_dynamic(spawned_at(moving), reference, scaffold, 1, SpawnConfig(), 3)
     return SceneModel(still, dynamic, NodeSet(scaffold, GRAPH), CameraRig(camera_path()), "sigma", kernels)

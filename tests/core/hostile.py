@@ -35,7 +35,7 @@ from f4x_core.edit.json_files import read_operations
 from f4x_core.edit.operations import read_operation
 from f4x_core.edit.stack import EditStack, with_stack
 from f4x_core.errors import F4xError
-from f4x_core.features.maps import read_maps, write_maps
+from f4x_core.features.maps import MapsPlan, read_maps, write_maps
 from f4x_core.features.precomputed import Precomputed
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.files import json_text
@@ -179,7 +179,7 @@ def prior_file(name: str) -> Callable[[Path], Path]:
 def feature_maps(name: str) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         maps = [np.full((3, 4, 5), value, np.float32) for value in (0.5, 1)]
-        write_maps(folder / "maps", FeatureSpec("look", 5, (3, 4)), maps, 2)
+        write_maps(folder / "maps", MapsPlan(FeatureSpec("look", 5, (3, 4)), 2), maps)
         return folder / "maps" / name
 
     return make

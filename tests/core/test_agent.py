@@ -333,7 +333,11 @@ def test_no_name_leads_out_of_the_folder(place, session, name):
     (place / "out").symlink_to(outside, target_is_directory=True)
     (place / "loop").symlink_to(place / "loop")
     before = files_of(outside)
-    calls = [("info", {"scene": name}), ("render_view", {"camera_path": name}), ("render_view", {"file": name})]
+    calls = [
+        ("info", {"scene": name}),
+        ("render_view", {"look": sessions.Look(camera_path=name)}),
+        ("render_view", {"file": name}),
+    ]
     calls += [("undo", {"scene": name}), ("export", {"output": name, "time": 0}), ("export", {"output": name})]
     for tool, arguments in calls:
         with pytest.raises((F4xError, OSError)) as error:
@@ -556,7 +560,7 @@ def test_a_proposal_holds_only_for_the_scene_it_was_made_for(session, place):
 
 def test_what_is_kept_is_bounded(session):
     for _ in range(KEPT_SELECTIONS + 1):
-        session.query(select={"by": "moving"})
+        session.query(sessions.Search(select={"by": "moving"}))
     assert "no selection 'selection 1'" in refusal(session, "render_view", selection="selection 1")
     assert call(session, "render_view", selection="selection 2")
     for _ in range(KEPT_PROPOSALS + 1):

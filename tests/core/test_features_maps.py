@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from f4x_core.errors import Cancelled, F4xError
-from f4x_core.features.maps import read_maps, write_maps
+from f4x_core.features.maps import MapsPlan, read_maps, write_maps
 from f4x_core.features.spec import FeatureSpec
 
 SPEC = FeatureSpec(
@@ -59,7 +59,7 @@ def test_a_spec_lacks_nothing_silently():
 
 def test_maps_come_back_in_half_precision(tmp_path):
     frames = low_rank()
-    maps = write_maps(tmp_path / "plain", PLAIN, frames, 5)
+    maps = write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5), frames)
     assert isinstance(maps.stored, np.memmap) and maps.stored.dtype == np.float16 and maps.lost == 0
     np.testing.assert_array_equal(maps.at(3), frames[3].astype(np.float16).astype(np.float32))
     assert read_maps(tmp_path / "plain").spec == PLAIN and len(maps) == 5
@@ -69,7 +69,7 @@ def test_maps_come_back_in_half_precision(tmp_path):
 
 def test_a_projection_keeps_what_lies_in_its_plane(tmp_path):
     frames = low_rank(rank=2)
-    maps = write_maps(tmp_path / "plain", PLAIN, frames, 5, rank=2)
+    maps = write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5, rank=2), frames)
     assert maps.stored.shape == (5, 3, 4, 2)
     np.testing.assert_allclose(maps.basis @ maps.basis.T, np.eye(2), atol=1e-6)
     assert maps.lost < 1e-5
@@ -78,7 +78,7 @@ def test_a_projection_keeps_what_lies_in_its_plane(tmp_path):
 
 def test_a_projection_says_what_it_loses(tmp_path):
     frames = low_rank(rank=3, noise=0.3)
-    maps = write_maps(tmp_path / "plain", PLAIN, frames, 5, rank=1)
+    maps = write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5, rank=1), frames)
     cells = frames.reshape(-1, 6).astype(np.float64)
     rest = cells - np.stack([maps.at(t) for t in range(5)]).reshape(-1, 6)
     assert maps.lost == pytest.approx((rest**2).sum() / ((cells - cells.mean(0)) ** 2).sum(), rel=0.01)
@@ -86,14 +86,14 @@ def test_a_projection_says_what_it_loses(tmp_path):
 
 
 def test_a_rank_that_saves_nothing_is_not_taken(tmp_path):
-    assert write_maps(tmp_path / "plain", PLAIN, low_rank(), 5, rank=6).basis is None
+    assert write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5, rank=6), low_rank()).basis is None
 
 
 def test_the_clips_own_vector_is_asked_for_after_the_last_frame(tmp_path):
     seen = []
     frames = (seen.append(t) or frame for t, frame in enumerate(low_rank()))
     spec = dataclasses.replace(PLAIN, has_global=True)
-    maps = write_maps(tmp_path / "plain", spec, frames, 5, glob=lambda: np.full(6, len(seen)))
+    maps = write_maps(tmp_path / "plain", MapsPlan(spec, 5), frames, glob=lambda: np.full(6, len(seen)))
     np.testing.assert_array_equal(maps.glob, np.full(6, 5))
 
 
@@ -111,9 +111,9 @@ def broken(kind):
 
 @pytest.mark.parametrize("kind", ["few", "many", "shape", "nan", "large"])
 def test_wrong_frames_leave_what_was_there(tmp_path, kind):
-    before = write_maps(tmp_path / "plain", PLAIN, low_rank(seed=1), 5).at(0)
+    before = write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5), low_rank(seed=1)).at(0)
     with pytest.raises(F4xError):
-        write_maps(tmp_path / "plain", PLAIN, broken(kind), 5)
+        write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5), broken(kind))
     assert [path.name for path in tmp_path.iterdir()] == ["plain"]
     np.testing.assert_array_equal(read_maps(tmp_path / "plain").at(0), before)
 
@@ -125,7 +125,7 @@ def test_stopping_leaves_nothing_half_written(tmp_path, stage):
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        write_maps(tmp_path / "plain", PLAIN, low_rank(), 5, rank=2, progress=progress)
+        write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5, rank=2), low_rank(), progress=progress)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -136,11 +136,11 @@ def test_a_full_disk_is_one_sentence_and_leaves_nothing(tmp_path, rank):
 import resource, sys
 import numpy as np
 from f4x_core.errors import F4xError
-from f4x_core.features.maps import write_maps
+from f4x_core.features.maps import MapsPlan, write_maps
 from f4x_core.features.spec import FeatureSpec
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 try:
-    write_maps(sys.argv[1], FeatureSpec("plain", 6, (30, 40)), np.zeros((5, 30, 40, 6)), 5, rank={rank})
+    write_maps(sys.argv[1], MapsPlan(FeatureSpec("plain", 6, (30, 40)), 5, {rank}), np.zeros((5, 30, 40, 6)))
 except F4xError as error:
     sys.exit(str(error))
 """
@@ -154,10 +154,10 @@ except F4xError as error:
 def test_a_second_writer_of_one_folder_is_refused(tmp_path):
     def frames(first):
         with pytest.raises(F4xError, match="another program is writing"):
-            write_maps(tmp_path / "maps", PLAIN, lambda _: low_rank(), 5)
+            write_maps(tmp_path / "maps", MapsPlan(PLAIN, 5), lambda _: low_rank())
         yield from low_rank()[first:]
 
-    write_maps(tmp_path / "maps", PLAIN, frames, 5)
+    write_maps(tmp_path / "maps", MapsPlan(PLAIN, 5), frames)
     assert [file.name for file in tmp_path.iterdir()] == ["maps"]
 
 
@@ -165,14 +165,14 @@ def test_a_foreign_folder_is_not_replaced(tmp_path):
     (tmp_path / "plain").mkdir()
     (tmp_path / "plain" / "thesis.txt").write_text("years of work")
     with pytest.raises(F4xError, match="something else"):
-        write_maps(tmp_path / "plain", PLAIN, low_rank(), 5)
+        write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5), low_rank())
     assert (tmp_path / "plain" / "thesis.txt").exists()
 
 
 @pytest.mark.parametrize("name", ["spec.json", "maps.npy", "basis.npy", "mean.npy", "stored.json"])
 @pytest.mark.parametrize("damage", ["cut", "gone", "noise"])
 def test_damage_is_told_with_the_file(tmp_path, name, damage):
-    write_maps(tmp_path / "plain", PLAIN, low_rank(), 5, rank=2)
+    write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5, rank=2), low_rank())
     path = tmp_path / "plain" / name
     if damage == "gone":
         path.unlink()
@@ -187,7 +187,7 @@ def test_damage_is_told_with_the_file(tmp_path, name, damage):
 
 
 def test_shapes_that_contradict_the_spec_are_told(tmp_path):
-    write_maps(tmp_path / "plain", PLAIN, low_rank(), 5)
+    write_maps(tmp_path / "plain", MapsPlan(PLAIN, 5), low_rank())
     np.save(tmp_path / "plain" / "maps.npy", low_rank()[:, :2].astype(np.float16))
     with pytest.raises(F4xError, match=r"maps\.npy"):
         read_maps(tmp_path / "plain")

@@ -17,7 +17,7 @@ from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.memory import memory_guard  # noqa: E402
 from f4x_core.features.models import CHECKPOINTS, depth, loading, sam2, smolvlm, textimage  # noqa: E402
-from f4x_core.features.models.prompt import check_prompt  # noqa: E402
+from f4x_core.features.models.prompt import check_frame, check_prompt  # noqa: E402
 from f4x_core.features.precomputed import LAYOUTS  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor  # noqa: E402
 from f4x_core.features.teachers import TEACHERS  # noqa: E402
@@ -287,7 +287,8 @@ def test_features_of_another_shape_are_refused(levels, bypass):
 )
 def test_prompts_that_mean_nothing_are_refused(prompt, told):
     with pytest.raises(F4xError, match=told):
-        check_prompt(prompt.pop("t"), 5, (48, 64), **prompt)
+        check_frame(prompt.pop("t"), 5)
+        check_prompt((48, 64), **prompt)
 
 
 # Text and pictures

@@ -14,7 +14,7 @@ from f4x_core.fit.config import GaussianRates, LossConfig, RateConfig, profile
 from f4x_core.fit.frame_data import FrameData
 from f4x_core.fit.loss_terms import total_loss
 from f4x_core.fit.pipeline import start_fit
-from f4x_core.fit.trainer import Trainer
+from f4x_core.fit.trainer import FitStart, Trainer
 from f4x_core.native import open_library
 from f4x_core.native.kernels import Kernels
 from f4x_core.priors import Priors
@@ -96,7 +96,7 @@ def stage_with(scene, losses: LossConfig = SILENT, **changes) -> Trainer:
     model, clip, priors = scene
     settings = {"steps": 40, "threads": 1, "backend": "torch", "rates": RateConfig()} | changes
     config = dataclasses.replace(profile("quick"), losses=losses, **settings)
-    return Trainer(copy.deepcopy(model), clip, priors, config, 10_000)
+    return Trainer(copy.deepcopy(model), clip, priors, config, FitStart(10_000))
 
 
 @dataclass

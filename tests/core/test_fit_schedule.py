@@ -14,7 +14,7 @@ from f4x_core.fit.config import LossConfig, NodeConfig, RateConfig, profile
 from f4x_core.fit.harmonics import GAIN_DB, Band
 from f4x_core.fit.loss_terms import total_loss
 from f4x_core.fit.pipeline import start_fit
-from f4x_core.fit.trainer import Trainer
+from f4x_core.fit.trainer import FitStart, Trainer
 from f4x_core.gaussians import DensityConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -69,7 +69,7 @@ def stage_of(start):
             "backend": "auto",
         }
         config = dataclasses.replace(profile("quick"), steps=steps, **settings | changes)
-        return Trainer(copy.deepcopy(model), clip, priors, config, 10_000)
+        return Trainer(copy.deepcopy(model), clip, priors, config, FitStart(10_000))
 
     return make
 

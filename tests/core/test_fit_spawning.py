@@ -44,11 +44,11 @@ def covered(monkeypatch):
     """What `cover` is asked for, call by call, and what it gives."""
     calls = []
 
-    def watched(image, depth, valid, camera, existing, spawn, rng, tolerance):
+    def watched(view, existing, spawn, rng):
         state = rng.bit_generator.state
-        found = cover(image, depth, valid, camera, existing, spawn, rng, tolerance)
-        names = ("image", "valid", "camera", "existing", "spawn", "tolerance", "state", "found")
-        values = (image, valid, camera, existing, spawn, tolerance, state, found)
+        found = cover(view, existing, spawn, rng)
+        names = ("image", "valid", "camera", "tolerance", "existing", "spawn", "state", "found")
+        values = (view.image, view.valid, view.camera, view.tolerance, existing, spawn, state, found)
         calls.append(dict(zip(names, values, strict=True)))
         return found
 

@@ -13,7 +13,7 @@ from f4x_core.errors import Cancelled
 from f4x_core.fit import trainer
 from f4x_core.fit.config import LossConfig, NodeConfig, profile
 from f4x_core.fit.loss_terms import total_loss
-from f4x_core.fit.trainer import Trainer
+from f4x_core.fit.trainer import FitStart, Trainer
 from f4x_core.gaussians import DensityConfig, SpawnConfig, spawn_static
 from f4x_core.geometry.splats import Splats
 
@@ -49,7 +49,7 @@ def stage_of():
             "threads": 1,
             "backend": "torch",
         }
-        return Trainer(model, clip, priors, dataclasses.replace(profile("quick"), **settings | changes), 900)
+        return Trainer(model, clip, priors, dataclasses.replace(profile("quick"), **settings | changes), FitStart(900))
 
     return make
 

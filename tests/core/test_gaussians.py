@@ -20,10 +20,11 @@ from f4x_core.gaussians import (
     spawn_static,
 )
 from f4x_core.gaussians.parameters import localise, opacity_logit
-from f4x_core.gaussians.spawn import Room, coarse_to_fine, cover, spawn_that_fits
+from f4x_core.gaussians.spawn import DepthImage, Room, coarse_to_fine, cover, spawn_that_fits
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera
 from f4x_core.native.kernels import TORCH, Kernels
+from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.adam import Adam
 
 
@@ -241,7 +242,11 @@ def some_dynamic(nodes, count=30):
         np.full(count, 0.02, np.float32),
         np.ones(count, np.float32),
     )
-    return spawned, spawn_dynamic(spawned, rng.integers(0, 5, count), *nodes, 3, 0, SpawnConfig())
+    xyz, quat = (tensor.numpy() for tensor in nodes)
+    radius, certain = np.ones(6, np.float32), np.ones((5, 6), bool)
+    graph = np.zeros((6, 3), int), np.ones((6, 3), bool)
+    scaffold = Scaffold(np.arange(5.0), xyz, quat, radius, certain, np.arange(6), *graph, 1.0)
+    return spawned, spawn_dynamic(spawned, rng.integers(0, 5, count), scaffold, 0, SpawnConfig())
 
 
 def test_local_storage_gives_back_the_world_placement(nodes):
@@ -326,19 +331,18 @@ def test_what_is_covered_is_not_spawned_again():
     camera, image, depth = frame()
     config, rng = SpawnConfig(spacing=2), np.random.default_rng(0)
     everywhere = np.ones(depth.shape, bool)
-    first = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, rng)
+    first = cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, rng)
     assert len(first.means) == 24 * 16
-    again = cover(image, depth, everywhere, camera, first.means, config, rng)
+    again = cover(DepthImage(image, depth, everywhere, camera), first.means, config, rng)
     assert len(again.means) == 0
-    behind = cover(image, depth * 2, everywhere, camera, first.means, config, rng)
+    behind = cover(DepthImage(image, depth * 2, everywhere, camera), first.means, config, rng)
     assert len(behind.means) == 24 * 16, "a surface at another depth is not covered"
 
 
 def test_spawned_points_carry_their_pixels():
     camera, image, depth = frame(0.8)
-    spawned = cover(
-        image, depth, np.ones(depth.shape, bool), camera, np.zeros((0, 3)), SpawnConfig(), np.random.default_rng(0)
-    )
+    view = DepthImage(image, depth, np.ones(depth.shape, bool), camera)
+    spawned = cover(view, np.zeros((0, 3)), SpawnConfig(), np.random.default_rng(0))
     pixels, z = camera.project(spawned.means.astype(np.float64))
     column, row = np.floor(pixels).astype(int).T
     assert np.allclose(z, 0.8, atol=1e-5)
@@ -351,7 +355,9 @@ def test_a_gaussian_is_as_large_as_its_cell_is_at_its_depth():
     everywhere = np.ones(depth.shape, bool)
     for spacing, scale in ((2.0, 0.5), (4.0, 0.3)):
         config = SpawnConfig(spacing=spacing, scale=scale)
-        spawned = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, np.random.default_rng(0))
+        spawned = cover(
+            DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, np.random.default_rng(0)
+        )
         np.testing.assert_allclose(spawned.radius, scale * spacing * 0.8 / 50.0, rtol=1e-6)
         np.testing.assert_allclose(spawned.depth, 0.8, rtol=1e-6)
 
@@ -362,7 +368,7 @@ def test_a_cell_is_covered_within_the_tolerance_of_its_own_depth(nearer, covered
     everywhere, rng, config = np.ones(depth.shape, bool), np.random.default_rng(0), SpawnConfig(spacing=2)
     pixels = np.stack(np.meshgrid(np.arange(1, 48, 2.0), np.arange(1, 32, 2.0)), -1).reshape(-1, 2)
     existing = camera.unproject(pixels, np.full(len(pixels), 2.0 * nearer))
-    assert (len(cover(image, depth, everywhere, camera, existing, config, rng)) == 0) == covered
+    assert (len(cover(DepthImage(image, depth, everywhere, camera), existing, config, rng)) == 0) == covered
 
 
 @pytest.mark.parametrize(("nearer", "count"), [(1.25, 0), (1.2500001, 384)])
@@ -372,7 +378,7 @@ def test_the_tolerance_itself_is_still_within(nearer, count):
     pixels = np.stack(np.meshgrid(np.arange(1, 48, 2.0), np.arange(1, 32, 2.0)), -1).reshape(-1, 2)
     existing = camera.unproject(pixels, np.full(len(pixels), 2.0 * nearer))
     config = SpawnConfig(spacing=2, depth_tolerance=0.25)
-    assert len(cover(image, depth, everywhere, camera, existing, config, rng)) == count
+    assert len(cover(DepthImage(image, depth, everywhere, camera), existing, config, rng)) == count
 
 
 @pytest.mark.parametrize(("around", "covered"), [(3, False), (4, True)])
@@ -385,7 +391,7 @@ def test_an_empty_cell_among_enough_gaussians_is_covered_by_their_extent(around,
     corners = np.array([[21.0, 13], [25, 13], [21, 17], [25, 17]])[:around]
     existing = camera.unproject(corners, np.ones(around))
     config = SpawnConfig(spacing=2)
-    spawned = cover(image, depth, valid, camera, existing, config, np.random.default_rng(0))
+    spawned = cover(DepthImage(image, depth, valid, camera), existing, config, np.random.default_rng(0))
     pixels = np.floor(camera.project(spawned.means.astype(np.float64))[0])
     inside = ((pixels >= [22, 14]) & (pixels < [24, 16])).all(1)
     assert inside.sum() == (not covered)
@@ -401,7 +407,7 @@ def test_a_block_is_plain_where_grey_and_depth_deviate_less_than_their_limits(gr
     image = np.repeat((120 + grey * board)[..., None], 3, -1)
     depth = (depth * np.exp(steep * board)).astype(np.float32)
     everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
-    count = len(cover(image, depth, everywhere, camera, np.zeros((0, 3)), SpawnConfig(spacing=2), rng))
+    count = len(cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), SpawnConfig(spacing=2), rng))
     assert count == (24 if plain else 384)
 
 
@@ -410,14 +416,14 @@ def test_plain_cells_share_one_gaussian_and_detailed_ones_do_not():
     image[:, :24] = 120  # a wall
     everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
     config = SpawnConfig(spacing=2)
-    spawned = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, rng)
+    spawned = cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, rng)
     plain = camera.project(spawned.means.astype(np.float64))[0][:, 0] < 24
     assert plain.sum() == 24 * 32 / 8**2, "blocks of 4 x 4 cells"
     assert (~plain).sum() == 24 * 32 / 2**2
     assert np.allclose(spawned.radius[plain], 4 * spawned.radius[~plain][0])
-    assert len(cover(image, depth, everywhere, camera, spawned.means, config, rng).means) == 0
+    assert len(cover(DepthImage(image, depth, everywhere, camera), spawned.means, config, rng).means) == 0
     depth[:, :24] = np.linspace(1, 2, 24)
-    steep = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, rng)
+    steep = cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, rng)
     assert len(steep.means) == 24 * 16, "a wall that leads away is not one Gaussian"
 
 
@@ -425,9 +431,9 @@ def test_unsure_depth_is_covered_by_what_lies_a_little_off():
     camera, image, depth = frame()
     everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
     config = SpawnConfig(spacing=2)
-    first = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, rng)
+    first = cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, rng)
     loose = np.where(np.arange(48) < 24, 0.5, 0.1)[None].repeat(32, 0)
-    again = cover(image, 1.3 * depth, everywhere, camera, first.means, config, rng, loose)
+    again = cover(DepthImage(image, 1.3 * depth, everywhere, camera, loose), first.means, config, rng)
     assert camera.project(again.means.astype(np.float64))[0][:, 0].min() > 24 and len(again.means) == 12 * 16
 
 
@@ -436,7 +442,7 @@ def test_what_has_no_room_is_covered_more_thinly_everywhere():
     everywhere = np.ones(depth.shape, bool)
 
     def spawn(config):
-        return cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, np.random.default_rng(0))
+        return cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, np.random.default_rng(0))
 
     asked = SpawnConfig(spacing=1, max_count=200)
     start = spawn_that_fits(spawn, asked)

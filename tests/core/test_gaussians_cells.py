@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from f4x_core.gaussians import SpawnConfig, Spawned
-from f4x_core.gaussians.spawn import coarse_to_fine, cover
+from f4x_core.gaussians.spawn import DepthImage, coarse_to_fine, cover
 from f4x_core.geometry.camera import Camera
 
 Cells = dict[tuple[int, int], list[tuple[int, int]]]
@@ -119,7 +119,8 @@ SIZES = [(61, 23, 2.0), (29, 47, 3.0), (40, 67, 2.5), (9, 9, 1.0), (3, 50, 4.0),
 def test_each_cell_or_plain_block_that_nothing_covers_gets_one_gaussian(height, width, spacing):
     frame, config = Frame(height, width, spacing), SpawnConfig(spacing=spacing, scale=0.4)
     rng = np.random.default_rng(1)
-    found = cover(frame.image, frame.depth, frame.valid, frame.camera, frame.existing, config, rng, frame.tolerance)
+    view = DepthImage(frame.image, frame.depth, frame.valid, frame.camera, frame.tolerance)
+    found = cover(view, frame.existing, config, rng)
     levels, cell_at = frame.levels(), {pixel: cell for cell, pixels in frame.cells.items() for pixel in pixels}
     blocks = []
     for mean, rgb, radius, depth in zip(found.means, found.rgb, found.radius, found.depth, strict=True):
@@ -154,9 +155,8 @@ def test_a_single_pixel_gets_a_gaussian_and_an_empty_frame_none():
     image, valid = np.full((10, 10, 3), 51, np.uint8), np.zeros((10, 10), bool)
     for count in (0, 1):
         valid[3, 4] = count
-        found = cover(
-            image, np.full((10, 10), 2.0), valid, camera, np.zeros((0, 3)), SpawnConfig(), np.random.default_rng(0)
-        )
+        view = DepthImage(image, np.full((10, 10), 2.0), valid, camera)
+        found = cover(view, np.zeros((0, 3)), SpawnConfig(), np.random.default_rng(0))
         np.testing.assert_allclose(found.means, np.full((count, 3), [-0.02, -0.06, 2.0]), rtol=1e-6)
         np.testing.assert_allclose(found.rgb, np.full((count, 3), 0.2), rtol=1e-6)
         assert len(found) == len(found.radius) == len(found.depth) == count
@@ -167,7 +167,7 @@ def test_a_wall_is_covered_by_large_ones_up_to_its_rim():
     camera = Camera(np.array([[50.0, 0, 5], [0, 50, 5], [0, 0, 1]]), np.eye(4), 9, 9)
     image, depth = np.full((9, 9, 3), 120, np.uint8), np.full((9, 9), 2.0)
     config, nothing = SpawnConfig(spacing=1.0, scale=1.0), np.zeros((0, 3))
-    found = cover(image, depth, depth > 0, camera, nothing, config, np.random.default_rng(0))
+    found = cover(DepthImage(image, depth, depth > 0, camera), nothing, config, np.random.default_rng(0))
     np.testing.assert_allclose(found.radius, np.full(9, 4 * 2.0 / 50), rtol=1e-6)
 
 

@@ -479,15 +479,15 @@ def test_keyframes_get_masks_a_hundredth_wider(monkeypatch):
     job.priors.mask[:, 50, 60] = True
     monkeypatch.setattr(module, "solve_with_colmap", lambda *all: asked.append(all))
     assert module._solve_keyframes(job, np.array([1, 5])) is None
-    pictures, masks, focal, given, features, _, seed = asked[0]
+    pictures, masks, settings = asked[0]
     np.testing.assert_array_equal(pictures, job.clip.frames[[1, 5]])
     np.testing.assert_array_equal(masks, module.dilate_masks(job.priors.mask[[1, 5]], 3))
-    assert (focal, given, features, seed) == (FOCAL, True, 99, 3)
+    assert (settings.focal, settings.focal_known, settings.features, settings.seed) == (FOCAL, True, 99, 3)
     found = solution_of(truth(frames=2, points=20))
     monkeypatch.setattr(module, "solve_with_colmap", lambda *all: asked.append(all) or found)
     free = job_of()
     assert module._solve_keyframes(free, np.array([1, 5])).registered.sum() == 2
-    assert asked[1][1] is None and asked[1][3] is False
+    assert asked[1][1] is None and asked[1][2].focal_known is False
     narrow = replace(free, priors=replace(free.priors, width=99, mask=job.priors.mask))
     module._solve_keyframes(narrow, np.array([1, 5]))
     assert asked[2][1].sum() == 2 * 9  # a pixel at least

@@ -55,7 +55,8 @@ def test_images_are_numbered_in_the_order_of_the_clip(tmp_path):
 def test_cameras_do_not_depend_on_threads():
     pytest.importorskip("pycolmap")
     found = [
-        sfm.solve_with_colmap(moving_camera(), None, float(WIDTH), True, 1000, threads, 0) for threads in (1, 2, 4, 4)
+        sfm.solve_with_colmap(moving_camera(), None, sfm.ColmapSettings(float(WIDTH), True, 1000, threads, 0))
+        for threads in (1, 2, 4, 4)
     ]
     assert found[0] is not None and found[0].registered.all()
     for other in found[1:]:

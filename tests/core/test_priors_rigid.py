@@ -134,6 +134,6 @@ def test_what_would_be_behind_the_camera_is_no_point_and_what_is_close_before_it
     at = np.array([2.0, 2.0, 0.05])
     lands = np.stack([cams[int(t)].project(cams[8].unproject(here, at))[0] for t in others])
     lands[:, 1] = 2 * np.array([100.0, 60.0]) - lands[:, 1]
-    fit = rigid._fit_depth(cams, 8, others, here, lands, np.ones((3, 3)), 1.0)
+    fit = rigid._fit_depth(cams, rigid._Matches(8, others, here, lands, np.ones((3, 3))), 1.0)
     assert fit.left[:, 0].max() < 1e-6 and fit.left[:, 1].min() > 1
     assert fit.rho[[0, 2]] == pytest.approx([0.5, 20.0], rel=1e-3)

@@ -492,7 +492,8 @@ def asked_colmap(monkeypatch, answers, focal_known=False, masks=None):
 
     monkeypatch.setattr(module, "_ask_colmap", ask)
     pictures = np.random.default_rng(0).integers(0, 255, (10, 6, 8, 3), np.uint8)
-    return module.solve_with_colmap(list(pictures), masks, 5.0, focal_known, 700, 3, 4), requests, files, pictures
+    settings = module.ColmapSettings(5.0, focal_known, 700, 3, 4)
+    return module.solve_with_colmap(list(pictures), masks, settings), requests, files, pictures
 
 
 def test_pycolmap_is_asked_with_pictures_masks_and_pairs(monkeypatch):

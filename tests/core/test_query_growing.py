@@ -176,17 +176,17 @@ SIZE = (28, 60)  # of the picture; 7 x 12 cells: 4 pixels high, 5 wide
 )
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_prompt_grows_as_its_parts_say(marks, seed):
-    cells, prompt = looks(7, 12, seed, 0.6), check_prompt(0, 1, SIZE, **marks)
+    cells, prompt = looks(7, 12, seed, 0.6), check_prompt(SIZE, **marks)
     np.testing.assert_allclose(grow_prompt(cells, prompt, SIZE), growth_by_matrices(cells, prompt, SIZE), atol=2e-4)
 
 
 def test_where_all_looks_alike_a_box_holds_nothing_and_a_point_means_all():
     alike = np.ones((7, 12, 1))
-    box = grow_prompt(alike, check_prompt(0, 1, SIZE, box=[9, 3, 33, 21]), SIZE)
+    box = grow_prompt(alike, check_prompt(SIZE, box=[9, 3, 33, 21]), SIZE)
     assert 0 < box.max() < 0.5  # after one round nothing is left to compare with
-    point = grow_prompt(alike, check_prompt(0, 1, SIZE, points=[[30, 14]]), SIZE)
+    point = grow_prompt(alike, check_prompt(SIZE, points=[[30, 14]]), SIZE)
     assert point[3, 6] == 1 and 0.5 < point.min() < 0.9
-    whole = grow_prompt(alike, check_prompt(0, 1, SIZE, box=[0, 0, 60, 28]), SIZE)
+    whole = grow_prompt(alike, check_prompt(SIZE, box=[0, 0, 60, 28]), SIZE)
     np.testing.assert_array_equal(whole, np.ones((7, 12)))
 
 
@@ -194,7 +194,7 @@ def test_a_point_at_the_very_rim_is_in_the_last_cell():
     """Its place in cells is rounded up to the edge: 51 pixels are 7 cells."""
     rim = np.nextafter(51.0, 0)
     assert rim * (7 / 51) == 7
-    prompt = check_prompt(0, 1, (51, 51), points=[[20, 20], [rim, rim]], labels=[True, False])
+    prompt = check_prompt((51, 51), points=[[20, 20], [rim, rim]], labels=[True, False])
     found = grow_prompt(np.ones((7, 7, 1)), prompt, (51, 51))
     assert found[6, 6] == 0 and found[6, :6].min() > 0 and found[:6, 6].min() > 0
 
@@ -227,7 +227,7 @@ def test_a_box_around_a_few_cells_finds_them():
         random = np.random.default_rng(seed)
         cells = random.normal(size=(2, 24))[kinds] + 0.4 * random.normal(size=(20, 30, 24))
         cells /= np.linalg.norm(cells, axis=-1, keepdims=True)
-        found = grow_prompt(cells, check_prompt(0, 1, (80, 120), box=[38, 30, 50, 42]), (80, 120))
+        found = grow_prompt(cells, check_prompt((80, 120), box=[38, 30, 50, 42]), (80, 120))
         np.testing.assert_array_equal(found > 0.5, kinds == 1)
 
 
@@ -237,7 +237,7 @@ def test_contrast_is_the_unit_of_all_cosine_steps(monkeypatch, marks):
     cells = looks(9, 11, 3, 0.3)
     common = np.full((9, 11, 1), 2.0)
     shared = np.concatenate([cells, common], -1) / np.sqrt(5)
-    prompt = check_prompt(0, 1, (9, 11), **marks)
+    prompt = check_prompt((9, 11), **marks)
     expected = grow_prompt(cells, prompt, (9, 11))
     np.testing.assert_allclose(grow_prompt(shared, prompt, (9, 11), 1 / 5), expected, atol=1e-5)
     assert not np.allclose(grow_prompt(shared, prompt, (9, 11)), expected, atol=1e-3)

@@ -22,9 +22,9 @@ from .test_query_superpoints import pieces
 @pytest.mark.parametrize(
     ("prompt", "kinds"),
     [
-        (check_prompt(3, 9, (12, 16), points=[(1, 2), (3, 4)], labels=[1, 0]), [(Point, True), (Point, False)]),
-        (check_prompt(3, 9, (12, 16), points=[(1, 2)], box=(0, 0, 5, 6)), [(Point, True), (Box, True)]),
-        (check_prompt(3, 9, (12, 16), mask=np.eye(12, 16)), [(Mask, True)]),
+        (check_prompt((12, 16), points=[(1, 2), (3, 4)], labels=[1, 0]), [(Point, True), (Point, False)]),
+        (check_prompt((12, 16), points=[(1, 2)], box=(0, 0, 5, 6)), [(Point, True), (Box, True)]),
+        (check_prompt((12, 16), mask=np.eye(12, 16)), [(Mask, True)]),
     ],
 )
 def test_a_decoders_prompt_says_where_the_thing_is(prompt: Prompt, kinds):

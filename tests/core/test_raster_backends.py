@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.speed.raster import benchmark, draw, make_wavy_scene, view_of
+from benchmarks.speed.raster import Cases, benchmark, draw, make_wavy_scene, view_of
 from f4x_core.errors import F4xError
 from f4x_core.raster import RasterConfig, RasterInput, choose_backend
 from f4x_core.raster.blend_weights import blend_weight_sums
@@ -490,16 +490,14 @@ def test_importing_the_room_needs_no_torch():
 
 
 def test_benchmark_reports_every_backend():
-    report = benchmark(counts=(200,), channels=(3,), width=48, height=32, repeats=1, backends=("torch", "gsplat"))
+    report = benchmark(Cases((200,), (3,), width=48, height=32), ("torch", "gsplat"), repeats=1)
     assert [row["backend"] for row in report["timings"]] == ["torch"] and "gsplat" in report["skipped"]
     assert report["errors"]["torch"]["image_max"] < 1e-4
     assert max(report["errors"]["torch"]["gradients"].values()) < 1e-4
 
 
 def test_benchmark_compares_like_with_like():
-    report = benchmark(
-        counts=(200,), channels=(3, 5), threads=(1, 2), width=48, height=32, repeats=1, backends=("torch",)
-    )
+    report = benchmark(Cases((200,), (3, 5), (1, 2), width=48, height=32), ("torch",), repeats=1)
     assert set(report["ratios"]) == {
         "5 / 3 channels, torch, 200 Gaussians, 1 threads",
         "5 / 3 channels, torch, 200 Gaussians, 2 threads",

@@ -7,7 +7,7 @@ import torch
 from f4x_core.geometry import quaternion
 from f4x_core.native.kernels import TORCH, Kernels
 from f4x_core.scaffold.graph import EdgeLevel
-from f4x_core.scaffold.losses import ArapEdges, arap_losses, motion_loss
+from f4x_core.scaffold.losses import ArapEdges, MotionTerms, arap_losses, motion_loss
 from f4x_core.scaffold.motion_native import MotionWeights
 
 pytestmark = pytest.mark.usefixtures("native_library")
@@ -20,7 +20,7 @@ def compiled(xyz, quat, edges, shifts=SHIFTS, weights=WEIGHTS):
     every = dict(zip(shifts, weights, strict=True))
     alone = MotionWeights(1, 0, 0, 0, 0, 0), MotionWeights(0, 1, 0, 0, 0, 0)
     times = torch.arange(len(xyz))
-    return tuple(motion_loss(xyz, quat, times, edges, every, one, Kernels(native=True)) for one in alone)
+    return tuple(motion_loss(xyz, quat, times, MotionTerms(edges, every, one, Kernels(native=True))) for one in alone)
 
 
 def both(xyz, quat, detach=True, factors=(1.3, 0.4)):
@@ -95,7 +95,7 @@ def test_the_losses_of_motion_in_one_go_are_those_of_torch(frames):
     for kernels, dtype in ((TORCH, torch.float64), (Kernels(native=True), torch.float32)):
         x, q = (torch.tensor(array, dtype=dtype, requires_grad=True) for array in (xyz, quat))
         edges = ArapEdges.build(neighbours, mask, dtype=dtype)
-        loss = motion_loss(x, q, times, edges, dict(zip(SHIFTS, WEIGHTS, strict=True)), weights, kernels)
+        loss = motion_loss(x, q, times, MotionTerms(edges, dict(zip(SHIFTS, WEIGHTS, strict=True)), weights, kernels))
         if frames > 1:
             (2 * loss).backward()
             results.append([loss.detach().double(), x.grad.double(), q.grad.double()])
@@ -119,7 +119,7 @@ def test_threads_change_no_bit_of_many_edges():
     for kernels, dtype in ((TORCH, torch.float64), *((Kernels(True, threads), torch.float32) for threads in (1, 2, 5))):
         x, q = (torch.tensor(array, dtype=dtype, requires_grad=True) for array in start)
         edges = ArapEdges.build(neighbours, np.ones_like(neighbours, bool), dtype=dtype)
-        loss = motion_loss(x, q, torch.arange(frames), edges, every, weights, kernels)
+        loss = motion_loss(x, q, torch.arange(frames), MotionTerms(edges, every, weights, kernels))
         results.append([loss.detach(), *torch.autograd.grad(loss, (x, q))])
     plain, one, *others = results
     for a, b in zip(one, plain, strict=True):
@@ -131,8 +131,7 @@ def test_nodes_that_turn_no_further_than_rounding_have_no_gradient():
     quat = torch.randn(1, 6, 4, generator=torch.Generator().manual_seed(0)).repeat(8, 1, 1).requires_grad_()
     xyz = torch.zeros(8, 6, 3, requires_grad=True)
     edges = ArapEdges.build(np.arange(6)[:, None], np.ones((6, 1), bool))
-    loss = motion_loss(
-        xyz, quat, torch.arange(8), edges, {1: 1.0}, MotionWeights(1, 1, 1, 1, 1, 1), Kernels(native=True)
-    )
+    terms = MotionTerms(edges, {1: 1.0}, MotionWeights(1, 1, 1, 1, 1, 1), Kernels(native=True))
+    loss = motion_loss(xyz, quat, torch.arange(8), terms)
     loss.backward()
     assert not quat.grad.any() and not xyz.grad.any()

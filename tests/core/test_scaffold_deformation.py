@@ -19,7 +19,7 @@ from f4x_core.scaffold.deformation import (
     relative_motions,
 )
 from f4x_core.scaffold.deformation.sparse import Deformer
-from f4x_core.scaffold.skinning import skinning_weights
+from f4x_core.scaffold.skinning import SkinningWeights, skinning_weights
 
 
 def turned(axis, degrees):
@@ -63,8 +63,7 @@ def motion(s, time, xyz=None, quat=None, strength=None):
         s["xyz"] if xyz is None else xyz,
         s["quat"] if quat is None else quat,
         pairs,
-        s["weights"],
-        strength,
+        SkinningWeights(s["weights"], strength),
         time,
     )
 
@@ -155,7 +154,9 @@ def test_a_full_turn_in_time_never_pops():
     pairs = pairs_of(np.array([[0, 1]]), np.array([0]))
     weights, one = np.array([[0.5, 0.5]], np.float32), np.ones(1, np.float32)
     times = np.arange(frames, dtype=float)
-    path = np.concatenate([deform(times, xyz, quat, pairs, weights, one, t)[0] for t in np.arange(0, frames - 1, 0.25)])
+    path = np.concatenate(
+        [deform(times, xyz, quat, pairs, SkinningWeights(weights, one), t)[0] for t in np.arange(0, frames - 1, 0.25)]
+    )
     steps = angle_between(path[1:].astype(np.float64), path[:-1].astype(np.float64))
     np.testing.assert_allclose(steps, 730 / 144 / 4, atol=0.05)
 
@@ -269,12 +270,6 @@ def test_skinning_follows_equation_1():
     dw = np.array([[0.3, -g[1]]])
     w, s = skinning_weights(x, nodes, radius, mask, dw, kernel="paper")
     np.testing.assert_allclose(w[0], [1, 0], atol=1e-12)
-    small = np.array([[0.02, 0.1]])
-    before, after = (
-        skinning_weights(x, nodes, small, mask)[1],
-        skinning_weights(x, nodes, small, mask, dw, keep_sum=True)[1],
-    )
-    np.testing.assert_allclose(after, before, rtol=1e-9)
 
 
 def test_skinning_hard_cases_are_finite():
@@ -301,15 +296,12 @@ def test_skinning_is_the_same_in_torch_and_differentiable():
     mask, dw = rng.random((6, 3)) > 0.2, 0.05 * rng.normal(size=(6, 3))
     tensors = [torch.tensor(a, requires_grad=True) for a in (*arguments, dw)]
     for kernel in ("sigma", "paper"):
-        for keep_sum in (False, True):
-            expected = skinning_weights(*arguments, mask, dw, kernel, keep_sum)
-            for a, b in zip(
-                expected, skinning_weights(*tensors[:3], torch.tensor(mask), tensors[3], kernel, keep_sum), strict=True
-            ):
-                np.testing.assert_allclose(a, b.detach(), rtol=1e-12)
-            assert torch.autograd.gradcheck(
-                lambda x, n, r, d, k=kernel, s=keep_sum: skinning_weights(x, n, r, torch.tensor(mask), d, k, s), tensors
-            )
+        expected = skinning_weights(*arguments, mask, dw, kernel)
+        for a, b in zip(expected, skinning_weights(*tensors[:3], torch.tensor(mask), tensors[3], kernel), strict=True):
+            np.testing.assert_allclose(a, b.detach(), rtol=1e-12)
+        assert torch.autograd.gradcheck(
+            lambda x, n, r, d, k=kernel: skinning_weights(x, n, r, torch.tensor(mask), d, k), tensors
+        )
 
 
 # ---- the fast product ------------------------------------------------------------------------------------------------

@@ -24,6 +24,7 @@ from f4x_core.scaffold.losses import ArapEdges, arap_losses, smoothness_losses
 from f4x_core.scaffold.optimise import GeometryConfig, Sightlines, optimise_geometry
 from f4x_core.scaffold.radius import radius_from_logit, radius_to_logit
 from f4x_core.scaffold.skinning import skinning_weights
+from f4x_core.scaffold.structure import NodePoses
 
 
 def rigid_scaffold(frames=12, nodes=15, noise=0.0, gaps=False, seed=0):
@@ -257,7 +258,7 @@ def test_scaffolds_that_do_not_fit_together_are_refused():
 
 def carried(scaffold, attach, reference, points, dw, time):
     neighbours = scaffold.neighbours[attach]
-    weights, strength = skinning_weights(
+    skinning = skinning_weights(
         points,
         scaffold.xyz[reference[:, None], neighbours],
         scaffold.radius[neighbours],
@@ -265,8 +266,8 @@ def carried(scaffold, attach, reference, points, dw, time):
         dw,
     )
     pairs = pairs_of(neighbours, reference)
-    q, t = deform(scaffold.times, scaffold.xyz, scaffold.quat, pairs, weights, strength, time)
-    return pose.transform(q, t, points), weights
+    q, t = deform(scaffold.times, scaffold.xyz, scaffold.quat, pairs, skinning, time)
+    return pose.transform(q, t, points), skinning.weights
 
 
 def gaussians(scaffold, number=60, seed=0, attach_below=None):
@@ -347,7 +348,7 @@ def test_gaussians_that_change_nodes_stay_where_they_are():
     local = rng.normal(size=(8, 3)), quaternion.normalize(rng.normal(size=(8, 4)))
     reference, old, fresh = rng.integers(0, 12, 8), rng.integers(0, 15, 8), rng.integers(0, 15, 8)
     xyz, quat = scaffold.xyz.astype(np.float64), quaternion.normalize(scaffold.quat.astype(np.float64))
-    moved_xyz, moved_quat = rebase_local(*local, reference, old, fresh, xyz, quat)
+    moved_xyz, moved_quat = rebase_local(*local, reference, old, fresh, NodePoses(xyz, quat))
     before = pose.compose(quat[reference, old], xyz[reference, old], local[1], local[0])
     after = pose.compose(quat[reference, fresh], xyz[reference, fresh], moved_quat, moved_xyz)
     np.testing.assert_allclose(after[1], before[1], atol=1e-12)

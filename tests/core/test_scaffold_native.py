@@ -7,9 +7,10 @@ import torch
 from f4x_core.geometry import dual_quaternion, pose, quaternion
 from f4x_core.scaffold.deformation import SIGN_BAND, blend, pairs_of, relative_motions
 from f4x_core.scaffold.deformation.native import library
-from f4x_core.scaffold.deformation.native.autograd import NativeDeformer, SkinningData
+from f4x_core.scaffold.deformation.native.autograd import GaussianTensors, NativeDeformer, NodeTensors, SkinningData
 from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.skinning import skinning_weights
+from f4x_core.scaffold.structure import NodePoses
 
 VALUE_ERROR, GRADIENT_ERROR = 2e-6, 2e-5
 
@@ -64,7 +65,9 @@ def plain(leaves, carried, kernel):
 def native(leaves, carried, kernel, threads=1):
     deformer = Deformer(np.arange(FRAMES), carried["reference"], carried["neighbours"], NODES)
     skinning = SkinningData.of(deformer, torch.as_tensor(carried["mask"]), kernel, threads)
-    return skinning.deform(**leaves | {"now_quat": quaternion.normalize(leaves["now_quat"])})
+    gaussians = GaussianTensors(leaves["xyz"], leaves["quat"], leaves["dw"])
+    nodes = NodeTensors(leaves["node_xyz"], leaves["node_quat"], leaves["radius"])
+    return skinning.deform(gaussians, nodes, NodePoses(leaves["now_xyz"], quaternion.normalize(leaves["now_quat"])))
 
 
 def run(function, arrays, *arguments, dtype, seeds=None):
@@ -231,7 +234,9 @@ def test_deformer_equals_the_torch_one():
     deformer = Deformer(np.array([0.0, 1, 2, 4]), reference, carried["neighbours"], NODES)
     fast = NativeDeformer(deformer, mask, "sigma", 2)
 
-    def slow(xyz, quat, dw, node_xyz, node_quat, radius, times):
+    def slow(gaussians, nodes, times):
+        xyz, quat, dw = gaussians
+        node_xyz, node_quat, radius = nodes
         attach = reference, carried["neighbours"][:, 0]
         node_q = quaternion.normalize(node_quat)[attach]
         x = pose.transform(node_q, node_xyz[attach], xyz)
@@ -244,7 +249,11 @@ def test_deformer_equals_the_torch_one():
     results = []
     for function, dtype in ((slow, torch.float64), (fast, torch.float32)):
         leaves = [torch.tensor(a, dtype=dtype, requires_grad=True) for a in start]
-        values = [part for moved in function(*leaves, (2.0, 3.3)) for part in moved]
+        values = [
+            part
+            for moved in function(GaussianTensors(*leaves[:3]), NodeTensors(*leaves[3:]), (2.0, 3.3))
+            for part in moved
+        ]
         sum((v * v.detach().roll(1, 0)).sum() for v in values).backward()
         results.append([v.detach().numpy() for v in values] + [leaf.grad.numpy() for leaf in leaves])
     for got, expected in zip(*results[::-1], strict=True):

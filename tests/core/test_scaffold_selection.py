@@ -203,7 +203,7 @@ def test_residuals_are_means_over_the_other_frames_that_see_the_track(tracks, pi
         pairs = pairs_of(near, np.array([middle]))
         for frame in frames:
             if frame != middle:
-                motion = deform(TIMES, scaffold.xyz, scaffold.quat, pairs, *weights, TIMES[frame])
+                motion = deform(TIMES, scaffold.xyz, scaffold.quat, pairs, weights, TIMES[frame])
                 carried, truth = pose.transform(*motion, start[None])[0], tracks.xyz[frame, i]
                 if path is not None:
                     carried, truth = (path.at(TIMES[frame]).project(p[None])[0][0] for p in (carried, truth))

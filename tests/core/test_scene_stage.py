@@ -17,7 +17,7 @@ from f4x_core.scene.clouds import Cloud
 from f4x_core.scene.color import linear_from_srgb, srgb_from_linear
 from f4x_core.scene.ground import Texture, sample
 from f4x_core.scene.stage import NOTHING, PASSES, DrawSettings, Surface, _bands, _tall_bands, draw
-from f4x_core.scene.view import render
+from f4x_core.scene.view import over_background, render
 
 BACKEND = "plain"  # in float64: equal geometry said differently must give equal pictures
 SETTINGS = DrawSettings(backend=BACKEND)
@@ -71,7 +71,7 @@ def test_untouched_it_is_the_scenes_own_picture(scene, backend, world):
         pytest.importorskip("torch")
         if choose_backend("auto", np.zeros((1, 3), np.float32)) != "native":
             pytest.skip("no compiled library")
-    expected = render(scene, scene.cameras[3], 3.0, ("rgb", "depth", "alpha"), backend, background=(0.2, 0.4, 0.6))
+    expected = render(scene, scene.cameras[3], 3.0, ("rgb", "depth", "alpha"), backend)
     rigid, size = world.copy(), np.cbrt(np.linalg.det(world[:3, :3]))
     rigid[:3, :3] /= size  # a camera has no scale of its own: the scaled world is nearer to it or farther
     camera = scene.cameras[3]
@@ -86,7 +86,7 @@ def test_untouched_it_is_the_scenes_own_picture(scene, backend, world):
         passes=("depth",),
     )
     tolerance = 1e-6 if world is SIMILAR else 5e-7
-    assert np.abs(out["rgb"] - expected["rgb"]).max() < tolerance
+    assert np.abs(out["rgb"] - over_background(expected, (0.2, 0.4, 0.6))).max() < tolerance
     assert np.abs(out["alpha"] - expected["alpha"]).max() < tolerance
     known = np.isfinite(expected["depth"])
     assert known.any() and np.allclose(out["depth"][known], expected["depth"][known] * size, atol=1e-5)

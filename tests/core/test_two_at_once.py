@@ -28,7 +28,7 @@ from f4x_core.errors import F4xError
 from f4x_core.files import sole_writer
 from f4x_core.fit.vocabulary import with_vocabulary
 from f4x_core.progress import silent
-from f4x_core.scene import read_scene, updating, write_scene
+from f4x_core.scene import locking, read_scene, updating, write_scene
 
 UPDATE = """
 import sys, time
@@ -251,8 +251,8 @@ def test_an_edit_saved_while_words_are_added_stays(scene, monkeypatch):
 
 
 def test_a_scene_that_stays_busy_is_refused(scene, monkeypatch):
-    monkeypatch.setattr(distilling, "PATIENCE", 0.2)
-    with distilling.only_distiller(scene), pytest.raises(F4xError, match="another `f4x distill`"):
+    monkeypatch.setattr(locking, "PATIENCE", 0.2)
+    with locking.only_run("distill", scene), pytest.raises(F4xError, match="another `f4x distill`"):
         distill(scene, "--vocabulary", "boat")
 
 

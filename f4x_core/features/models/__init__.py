@@ -10,7 +10,7 @@ class Checkpoint:
     """Published weights of one model."""
 
     name: str
-    """What `f4x models` calls it; also its folder below `$F4X_MODELS`."""
+    """Name in `f4x models`; also the folder below `$F4X_MODELS`."""
     hub: str
     """Hugging Face id."""
     megabytes: int

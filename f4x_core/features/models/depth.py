@@ -48,7 +48,7 @@ class DepthAnything:
         self.model: Any = load(transformers.DepthAnythingForDepthEstimation, self.weights)
 
     def inverse_depth(self, rgb: np.ndarray) -> np.ndarray:
-        """(H,W) float32 for a picture (H,W,3) uint8: larger is nearer, scale and shift unknown, differing between frames."""
+        """Return (H,W) float32 for a picture (H,W,3) uint8: larger is nearer, scale and shift unknown, differing between frames."""
         height, width = rgb.shape[:2]
         size = input_size(width, height, INPUT_AREA, self.model.config.patch_size)
         with torch.inference_mode(), memory_guard(f"Depth Anything on {size[1]} x {size[0]} pixels"):
@@ -124,7 +124,7 @@ def fit_to_measurement(relative: np.ndarray, measured: np.ndarray, sure: np.ndar
 
 
 def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    """The one of `values (n,)` that half of the `weights (n,)` lies below."""
+    """Return the one of `values (n,)` that half of the `weights (n,)` lies below."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(total, total[-1] / 2)]])

@@ -57,7 +57,7 @@ class DepthAnything3:
         self.network: Any = _load(self.weights)
 
     def predict(self, frames: np.ndarray) -> Views:
-        """Views of pictures (N,H,W,3) uint8; depth and intrinsics are those of the model's own picture size (h, w)."""
+        """Return the views of pictures (N,H,W,3) uint8; depth and intrinsics are those of the model's own picture size (h, w)."""
         size = self.size(frames.shape[2], frames.shape[1])
         with torch.inference_mode(), memory_guard(f"Depth Anything 3 on {len(frames)} pictures of {size[1]}x{size[0]}"):
             images = [image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames]
@@ -72,7 +72,7 @@ class DepthAnything3:
         )
 
     def size(self, width: int, height: int) -> tuple[int, int]:
-        """(h, w) of the model's input for pictures of `width` x `height`."""
+        """Return (h, w) of the model's input for pictures of `width` x `height`."""
         return input_size(width, height, round(LONGER_SIDE**2 * min(width, height) / max(width, height)), PATCH)
 
 
@@ -181,7 +181,7 @@ def _extent(centers: np.ndarray) -> float:
 
 
 def build(size: str) -> nn.Module:
-    """The network of `SIZES[size]` with random weights; F4xError when the package is not here."""
+    """Return the network of `SIZES[size]` with random weights; F4xError when the package is not here."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its configuration library, which is not used
         try:
@@ -205,7 +205,7 @@ def build(size: str) -> nn.Module:
 
 
 def _load(weights: Located) -> nn.Module:
-    """The network in evaluation mode, float32 on the CPU, without gradients; F4xError when it cannot be opened."""
+    """Return the network in evaluation mode, float32 on the CPU, without gradients; F4xError when it cannot be opened."""
     network = build(_size(weights))
     try:
         missing, _ = load_model(nn.ModuleDict({"model": network}), _file(weights, "model.safetensors"), strict=False)
@@ -223,7 +223,7 @@ def _load(weights: Located) -> nn.Module:
 
 
 def _size(weights: Located) -> str:
-    """Which of `SIZES` a checkpoint is."""
+    """Return the name of the entry of `SIZES` that a checkpoint is."""
     try:
         name = json.loads(_file(weights, "config.json").read_text(encoding="utf-8"))["model_name"]
     except (ValueError, TypeError, KeyError):
@@ -236,7 +236,7 @@ def _size(weights: Located) -> str:
 
 
 def _file(weights: Located, name: str) -> Path:
-    """A file of a checkpoint in a folder or the local cache; nothing is downloaded."""
+    """Return a file of a checkpoint in a folder or the local cache; nothing is downloaded."""
     folder = Path(weights.place)
     if folder.is_dir():
         path: Any = folder / name

@@ -28,7 +28,7 @@ class Located:
     """Location of a model's weights."""
 
     entry: Checkpoint
-    """What they are."""
+    """The published weights."""
     place: str
     """Folder, or hub id in the local cache."""
 
@@ -41,12 +41,12 @@ class Located:
         return folder.name if folder.is_dir() else self.place
 
     def provenance(self, size: list[int]) -> dict[str, Any]:
-        """Provenance that the spec of their maps records; `size` is the (width, height) of a picture as the model takes it."""
+        """Return the provenance that the spec of their maps records; `size`: (width, height) of a picture as the model takes it."""
         return {"model": self.name, "licence": self.entry.licence, "input": size}
 
 
 def find(default: str, model: str | Path | None = None) -> Located:
-    """Weights for the architecture of the checkpoint `default`.
+    """Return the weights for the architecture of the checkpoint `default`.
 
     `model` is a folder, a hub id in the local cache, or a name of `CHECKPOINTS`; None is `default`. Errors: F4xError when the
     named one is not on this machine or is of another architecture.
@@ -59,7 +59,7 @@ def find(default: str, model: str | Path | None = None) -> Located:
 
 
 def load(model_class: type, weights: Located) -> Any:
-    """The model in evaluation mode, float32 on the CPU, without gradients.
+    """Return the model in evaluation mode, float32 on the CPU, without gradients.
 
     Errors: F4xError when the weights are not here, are of another architecture, damaged or incomplete.
     """
@@ -90,7 +90,7 @@ def load(model_class: type, weights: Located) -> Any:
 
 
 def load_tokenizer(weights: Located) -> Any:
-    """The tokenizer stored beside the weights; F4xError when it is not here."""
+    """Return the tokenizer stored beside the weights; F4xError when it is not here."""
     entry, place = weights.entry, weights.place
     with _quiet():
         try:
@@ -123,5 +123,5 @@ def _missing(entry: Checkpoint, place: str, error: Exception) -> F4xError:
 
 
 def _line(error: Exception) -> str:
-    """First line of a message, without its full stop."""
+    """Return the first line of a message, without its full stop."""
     return (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")

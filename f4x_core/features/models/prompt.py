@@ -1,4 +1,4 @@
-"""What a user marks on one frame - points, a box or a mask - checked once for every mask decoder. Needs numpy alone."""
+"""Marks of a user on one frame - points, a box or a mask - checked once for every mask decoder. Needs numpy alone."""
 
 from __future__ import annotations
 
@@ -25,19 +25,16 @@ class Prompt:
 
 
 def check_prompt(
-    t: int,
-    count: int,
     size: tuple[int, int],
     points: ArrayLike | None = None,
     labels: ArrayLike | None = None,
     box: ArrayLike | None = None,
     mask: ArrayLike | None = None,
 ) -> Prompt:
-    """The prompt on frame `t` of a video of `count` frames of `size (H, W)`; all points are positive without `labels`.
+    """Return the prompt on one frame of a video of `size (H, W)`; all points are positive without `labels`.
 
-    Errors: F4xError for an empty or contradictory prompt, a point outside the picture, a frame outside the clip.
+    Errors: F4xError for an empty or contradictory prompt, or a point outside the picture.
     """
-    check_frame(t, count)
     height, width = size
     if mask is not None:
         if points is not None or box is not None:

@@ -26,7 +26,7 @@ MODELS = {
 PACKAGES = {"depth_anything3": ("depth_anything_3", "einops", "omegaconf", "addict")}
 """Module -> what it imports beside transformers."""
 INSTALL = "pip install --no-deps depth-anything-3, then pip install einops omegaconf addict"
-"""How to get them; with its dependencies the first would bring numpy 1, torchvision, xformers and moviepy 1.0.3."""
+"""Command that installs them; with its dependencies the first would bring numpy 1, torchvision, xformers and moviepy 1.0.3."""
 
 
 def require_provider(stage: str, name: str) -> None:

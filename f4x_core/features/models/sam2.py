@@ -45,7 +45,7 @@ class Sam2Teacher:
         self.model: Any = load(transformers.Sam2VideoModel, self.weights)
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """The spec for pictures of any size: they are stretched to the model's square."""
+        """Return the spec for pictures of any size: they are stretched to the model's square."""
         decoder = self.model.config.mask_decoder_config.hidden_size
         return FeatureSpec(
             name=self.head,
@@ -60,7 +60,7 @@ class Sam2Teacher:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """Features (h,w,C) float32 of a picture (H,W,3) uint8."""
+        """Return the features (h,w,C) float32 of a picture (H,W,3) uint8."""
         side = self.model.image_size
         with torch.inference_mode(), memory_guard(f"SAM 2 on {side} x {side} pixels"):
             pixels = image_tensor(rgb, (side, side), IMAGENET_MEAN, IMAGENET_STD)  # (1,3,side,side)
@@ -84,7 +84,7 @@ class FeatureSam2(transformers.Sam2VideoModel):
         """None: there is no encoder."""
 
     def get_image_features(self, pixel_values: torch.Tensor, **_: Any) -> Any:
-        """The maps of the frame whose number is `pixel_values`, flattened as the tracker wants them (hw,1,C)."""
+        """Return the maps of the frame whose number is `pixel_values`, flattened as the tracker wants them (hw,1,C)."""
         assert self.source is not None
         maps = self.source(int(pixel_values))
         flat = [level.flatten(1).T[:, None] for level in maps]
@@ -95,7 +95,7 @@ class FeatureSam2(transformers.Sam2VideoModel):
 
 
 def sine_position_encoding(channels: int, height: int, width: int) -> torch.Tensor:
-    """(C,h,w) float32: sines of the row in the first half of the channels, of the column in the second (DETR, eq. in A.4)."""
+    """Return (C,h,w) float32: sines of the row in the first half of the channels, of the column in the second (DETR, A.4)."""
     half = channels // 2
     frequency = 10000 ** (2 * torch.div(torch.arange(half), 2, rounding_mode="floor") / half)  # (half,)
     parts = []
@@ -109,7 +109,7 @@ def sine_position_encoding(channels: int, height: int, width: int) -> torch.Tens
 
 
 def load_sam2(model: str | Path | None = None) -> FeatureSam2:
-    """Everything of SAM 2 behind the encoder, from a full checkpoint or from a folder of `save_decoder`.
+    """Return everything of SAM 2 behind the encoder, from a full checkpoint or from a folder of `save_decoder`.
 
     It must be of the variant that the teacher used: `FeatureSpec.provenance["model"]` says which.
     """
@@ -139,7 +139,7 @@ class EverythingConfig:
     offset: float = 1.0
     """Shift of the cut by which stability is measured."""
     overlap: float = 0.7
-    """Of two masks that overlap more (intersection over union), the better one stays."""
+    """Largest intersection over union of two masks that are both kept; of others the better one stays."""
     min_pixels: int = 25
     """Smaller masks (pixels of the picture) are dropped."""
 
@@ -184,8 +184,9 @@ class Sam2MaskDecoder:
         box: ArrayLike | None = None,
         mask: ArrayLike | None = None,
     ) -> np.ndarray:
-        """Logits (H,W) float32 of the object on frame `t`; replaces an earlier prompt on that frame."""
-        self._prompts[t] = check_prompt(t, self.count, self.size, points, labels, box, mask)
+        """Return the logits (H,W) float32 of the object on frame `t`; replaces an earlier prompt on that frame."""
+        check_frame(t, self.count)
+        self._prompts[t] = check_prompt(self.size, points, labels, box, mask)
         # A session built anew keeps no memory of replaced prompts; replaying the others costs one decoding each.
         self._session = self._new_session()
         shown = {frame: self._show(frame, prompt) for frame, prompt in sorted(self._prompts.items())}
@@ -210,7 +211,7 @@ class Sam2MaskDecoder:
         self._prompts, self._session = {}, None
 
     def everything(self, t: int, config: EverythingConfig | None = None) -> np.ndarray:
-        """Masks (n,H,W) bool of whatever stands out on frame `t`, best first, from its features alone."""
+        """Return the masks (n,H,W) bool of whatever stands out on frame `t`, best first, from its features alone."""
         check_frame(t, self.count)
         config = config or EverythingConfig()
         *skips, coarse = (level[None] for level in self._maps(t))
@@ -239,7 +240,7 @@ class Sam2MaskDecoder:
     def _decode(
         self, coarse: torch.Tensor, skips: list[torch.Tensor], points: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logits (3P,h,w) and predicted quality (3P,) of the three masks for each of `points (1,P,1,2)`."""
+        """Return the logits (3P,h,w) and predicted quality (3P,) of the three masks for each of `points (1,P,1,2)`."""
         labels = torch.ones(points.shape[:3], dtype=torch.int32)
         sparse, dense = self.model.get_prompt_embeddings(input_points=points, input_labels=labels)
         masks, quality, _, _ = self.model.mask_decoder(
@@ -283,7 +284,7 @@ class Sam2MaskDecoder:
         return self.model(self._session, frame_idx=t).pred_masks
 
     def _maps(self, t: int) -> list[torch.Tensor]:
-        """The three levels (C,h,w) of frame `t`, fine to coarse."""
+        """Return the three levels (C,h,w) of frame `t`, fine to coarse."""
         channels = self.model.hidden_dim
         fine = (None, None) if self._skips is None else self._skips(t)
         maps = []
@@ -305,13 +306,13 @@ class Sam2MaskDecoder:
         return maps
 
     def _logits(self, masks: torch.Tensor) -> np.ndarray:
-        """(H,W) float32 from (1,1,h,w)."""
+        """Return (H,W) float32 from (1,1,h,w)."""
         full = functional.interpolate(masks.float(), self.size, mode="bilinear", align_corners=False)
         return full[0, 0].numpy()
 
 
 def suppress(masks: torch.Tensor, scores: torch.Tensor, overlap: float) -> list[int]:
-    """Indices of `masks (n,h,w) bool`, best `scores (n,)` first, without those that overlap a better one by more than `overlap`."""
+    """Return the indices of `masks (n,h,w) bool`, best `scores (n,)` first, that overlap no better one by more than `overlap`."""
     flat = masks.flatten(1).float()
     area = flat.sum(1)
     chosen: list[int] = []

@@ -35,7 +35,7 @@ class SmolVlmTeacher:
         self.model: Any = load(transformers.SmolVLMForConditionalGeneration, self.weights).model.vision_model
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """The spec for pictures of any size: they are stretched to the model's square."""
+        """Return the spec for pictures of any size: they are stretched to the model's square."""
         vision = self.model.config
         return FeatureSpec(
             name="smolvlm",
@@ -50,7 +50,7 @@ class SmolVlmTeacher:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """Features (h,w,C) float32 of a picture (H,W,3) uint8."""
+        """Return the features (h,w,C) float32 of a picture (H,W,3) uint8."""
         side, grid = self.model.config.image_size, self.spec_for(*rgb.shape[1::-1]).grid
         with torch.inference_mode(), memory_guard(f"SmolVLM on {side} x {side} pixels"):
             tokens = self.model(image_tensor(rgb, (side, side), MEAN, STD, mode="bicubic")).last_hidden_state
@@ -77,7 +77,7 @@ class SmolVlm:
         history: Sequence[tuple[str, str]] = (),
         max_tokens: int = 64,
     ) -> str:
-        """The model's words about frames whose `smolvlm` maps (h,w,C) were seen at `seconds` of the video.
+        """Return the model's words about frames whose `smolvlm` maps (h,w,C) were seen at `seconds` of the video.
 
         `history` holds earlier (question, answer) pairs, `max_tokens` is the most new tokens. Greedy: the same every time.
         Errors: F4xError for an empty question, no frames, or maps of another shape.
@@ -109,7 +109,7 @@ class SmolVlm:
         return self.tokenizer.decode(new[0], skip_special_tokens=True).strip()
 
     def prompt(self, seconds: Sequence[float], question: str, history: Sequence[tuple[str, str]] = ()) -> str:
-        """The conversation as SmolVLM2 was trained to read a video: frames with their times, then the questions."""
+        """Return the conversation as SmolVLM2 was trained to read a video: frames with their times, then the questions."""
         image = AROUND + WHOLE + IMAGE * self.tokens_per_frame + AROUND
         shown = "".join(f"\nFrame from {_clock(second, 'mm:ss')}:{image}" for second in seconds)
         length = _clock(seconds[-1], "h:mm:ss")
@@ -126,7 +126,7 @@ class SmolVlm:
         return text
 
     def embeddings(self, text: str, features: np.ndarray) -> torch.Tensor:
-        """Token embeddings (1,n,D) of `text` with `features (f,h,w,C)` at the places of its image tokens."""
+        """Return the token embeddings (1,n,D) of `text` with `features (f,h,w,C)` at the places of its image tokens."""
         ids = self.tokenizer(text, return_tensors="pt", add_special_tokens=False)["input_ids"]
         places = ids == self.model.config.image_token_id
         embeds = self.model.get_input_embeddings()(ids)

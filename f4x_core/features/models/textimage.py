@@ -51,7 +51,7 @@ def values_only(queries: torch.Tensor, keys: torch.Tensor, values: torch.Tensor)
 
 
 def attend(attention: Any, x: torch.Tensor, mix: Mixing) -> torch.Tensor:
-    """An attention layer of either model on x (B,n,C) with its own mixing of values; `mix` = softmax attention is the layer."""
+    """Return an attention layer of either model on x (B,n,C) with its own mixing of values; `mix` = softmax attention: itself."""
     heads = getattr(attention, "num_attention_heads", None) or attention.num_heads
     split = [
         layer(x).unflatten(-1, (heads, -1)).transpose(1, 2)
@@ -96,7 +96,7 @@ class TextImageTeacher:
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
-        """Features (h,w,C) float32, unit length, of a picture (H,W,3) uint8."""
+        """Return the features (h,w,C) float32, unit length, of a picture (H,W,3) uint8."""
         rows, columns = self.spec_for(rgb.shape[1], rgb.shape[0]).grid
         cells, patch = self.cells, self.patch
         step = max(1, round(cells * (1 - OVERLAP[self.name])))
@@ -111,7 +111,7 @@ class TextImageTeacher:
             return functional.normalize(total, dim=-1).numpy()
 
     def _window(self, pixels: torch.Tensor) -> torch.Tensor:
-        """Unit vectors (cells,cells,C) of one window (1,3,side,side)."""
+        """Return unit vectors (cells,cells,C) of one window (1,3,side,side)."""
         vision = self.model.vision_model
         if self.name == "clip":
             layer = vision.encoder.layers[-1]
@@ -139,11 +139,11 @@ class TextImageEncoder:
         self.dim, self.temperature = _dim(kind, self.model), _temperature(kind, self.model)
 
     def encode(self, labels: list[str]) -> np.ndarray:
-        """Unit vectors (L,dim) float32; F4xError for an empty label."""
+        """Return unit vectors (L,dim) float32; F4xError for an empty label."""
         return average_templates(labels, self.templates, self._embed)
 
     def _embed(self, sentences: list[str]) -> np.ndarray:
-        """(n,dim) float32 of whole sentences, of any length."""
+        """Return (n,dim) float32 of whole sentences, of any length."""
         limit = self.model.config.text_config.max_position_embeddings
         with torch.inference_mode():
             tokens = self.tokenizer(sentences, padding=True, truncation=True, max_length=limit, return_tensors="pt")
@@ -160,7 +160,7 @@ class _Reached(Exception):  # noqa: N818 - a signal, not an error
 
 
 def tokens_before(vision: Any, norm: torch.nn.Module, pixels: torch.Tensor) -> torch.Tensor:
-    """Tokens (B,n,C) that reach `norm`, the first layer of the last block; the block itself does not run."""
+    """Return the tokens (B,n,C) that reach `norm`, the first layer of the last block; the block itself does not run."""
     caught: list[torch.Tensor] = []
 
     def stop(_: torch.nn.Module, inputs: tuple[torch.Tensor, ...]) -> None:
@@ -186,5 +186,5 @@ def _temperature(name: str, model: Any) -> float:
 
 
 def _starts(length: int, window: int, step: int) -> list[int]:
-    """First cells of windows that cover `length` cells; the last one ends flush."""
+    """Return the first cells of windows that cover `length` cells; the last one ends flush."""
     return [*range(0, length - window, step), length - window]

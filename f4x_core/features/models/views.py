@@ -40,7 +40,7 @@ class Views:
 
 
 def predict_in_one_world(predict: Callable[[np.ndarray], Views], count: int, max_views: int) -> Views:
-    """Views of frames 0..count-1 in one world; `predict(indices) -> Views` takes at most `max_views >= 3` frames at once."""
+    """Return views of frames 0..count-1 in one world; `predict(indices) -> Views` takes at most `max_views >= 3` frames at once."""
     frames = np.arange(count)
     if count <= max_views:
         return predict(frames)

@@ -25,7 +25,7 @@ def why_not() -> str:
 
 
 def rasterize_native(inputs: RasterInput) -> RasterOutput:
-    """`raster.rasterize` by the native kernel; tensors must be float32 on the CPU and can be differentiated once.
+    """Return `raster.rasterize` by the native kernel; tensors must be float32 on the CPU and can be differentiated once.
 
     Tiles are always 16 x 16 (`config.tile` is not used). Results and gradients are the same bit for bit for every
     `config.threads`. Numpy arrays of any dtype are drawn in float32.
@@ -42,7 +42,7 @@ def rasterize_native(inputs: RasterInput) -> RasterOutput:
 
 
 def color_gradients(inputs: RasterInput) -> Callable[[np.ndarray], np.ndarray]:
-    """The function that gives the gradient (N,C) float32 of the colours of numpy `inputs` for that of the image (H,W,C).
+    """Return the function that gives the gradient (N,C) float32 of the colours of numpy `inputs` for that of the image (H,W,C).
 
     What is drawn is drawn once, however often the function is called.
 

@@ -45,7 +45,7 @@ class _Rasterize(torch.autograd.Function):
 
 
 def rasterize_tensors(inputs: RasterInput) -> RasterOutput:
-    """`rasterize` for float32 CPU tensors, differentiable once.
+    """Return `rasterize` for float32 CPU tensors, differentiable once.
 
     Raises:
         F4xError: a tensor of another dtype or device.

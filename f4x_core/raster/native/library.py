@@ -104,7 +104,7 @@ class Render:
 
 
 def open_library() -> tuple[ctypes.CDLL | None, str]:
-    """The library after its self-check, or None and the reason why there is none; checked once per process."""
+    """Return the library after its self-check, or None and the reason why there is none; checked once per process."""
     library, reason = open_unchecked()
     return (None, reason) if library is None else _checked(library)
 
@@ -118,7 +118,7 @@ def _checked(library: ctypes.CDLL) -> tuple[ctypes.CDLL | None, str]:
 
 
 def self_check(library: ctypes.CDLL) -> float:
-    """Largest relative L2 error of image and gradients against the stored float64 values of a small scene."""
+    """Return the largest relative L2 error of image and gradients against the stored float64 values of a small scene."""
     with np.load(SELF_CHECK) as file:
         stored = {name: file[name] for name in file.files}
 
@@ -188,7 +188,7 @@ def backward(
     depth: np.ndarray | None,
     alpha: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
-    """Gradients of means, quats, scales, opacities, colors, viewmat (4, 4) and mean2d_offset (N, 2) of a kept render.
+    """Return the gradients of means, quats, scales, opacities, colors, viewmat (4, 4) and mean2d_offset (N, 2) of a kept render.
 
     Args:
         library: the one that rendered.
@@ -221,7 +221,7 @@ def backward(
 
 
 def count_pairs(library: ctypes.CDLL, render: Render) -> int:
-    """(pixel, Gaussian) pairs that contributed to a kept render."""
+    """Return (pixel, Gaussian) pairs that contributed to a kept render."""
     assert render.state is not None
     return F4X_COUNT_PAIRS(render.state.pointer, render.problem, library=library)
 

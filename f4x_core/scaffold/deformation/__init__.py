@@ -1,4 +1,4 @@
-"""How nodes carry Gaussians through time, in three forms.
+"""Deformation: nodes carry Gaussians through time; in three forms.
 
 `reference` is the plain form, numpy; `sparse` that of the fit, one sparse product per step, torch; `native` the compiled one,
 for numpy arrays (`native.library`) and for tensors (`native.autograd`). What is exported here needs numpy alone.

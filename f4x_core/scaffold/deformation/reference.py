@@ -1,4 +1,4 @@
-"""How nodes carry Gaussians through time: dual-quaternion blending. Needs numpy alone.
+"""Deformation by dual-quaternion blending: nodes carry Gaussians through time. Needs numpy alone.
 
 A Gaussian with reference time `times[r]` and neighbours `n_k` moves from there to `time` by the blend of the relative
 motions `Q_nk(time) Q_nk(times[r])^-1`. One row of the dual-quaternion table belongs to one (node, reference) pair.
@@ -13,6 +13,7 @@ import numpy as np
 from ...geometry import dual_quaternion, pose, quaternion
 from ...geometry.arrays import Array, like, namespace
 from ...geometry.interpolation import interpolate
+from ..skinning import SkinningWeights
 
 SIGN_BAND = 1e-3
 """Half width, as a quaternion dot product, of the band around "neighbours turned 180 degrees apart" (0.1 degree) in
@@ -130,15 +131,14 @@ def deform(
     xyz: np.ndarray,
     quat: np.ndarray,
     pairs: Pairs,
-    weights: np.ndarray,
-    strength: np.ndarray,
+    skinning: SkinningWeights,
     time: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the motion `(q (N, 4), t (N, 3))` from every Gaussian's reference time to `time`.
 
     Apply with `pose.compose(q, t, rotation, mean)`: `mean' = R mean + t`, `R' = R R_g`.
     """
-    return blend(relative_motions(times, xyz, quat, pairs, time), pairs.index, weights, strength)
+    return blend(relative_motions(times, xyz, quat, pairs, time), pairs.index, *skinning)
 
 
 def align_signs(

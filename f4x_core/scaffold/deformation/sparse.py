@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from ...geometry import dual_quaternion, quaternion
-from ..skinning import Kernel, skinning_weights
+from ..skinning import Kernel, SkinningWeights, skinning_weights
 from .reference import COLLAPSED, SIGN_BAND, node_poses_at, pairs_of
 
 with warnings.catch_warnings():
@@ -220,12 +220,12 @@ class Deformer:
 
     @cached_property
     def structure(self) -> SparseRows:
-        """Which pairs each Gaussian follows."""
+        """Indices of the pairs that each Gaussian follows."""
         return SparseRows(self.pairs.index, len(self.pairs.node), self._device)
 
     @cached_property
     def neighbour_structure(self) -> SparseRows:
-        """Which nodes each Gaussian follows."""
+        """Indices of the nodes that each Gaussian follows."""
         return SparseRows(self._neighbours, self._nodes, self._device)
 
     @cached_property
@@ -282,15 +282,14 @@ class Deformer:
         mask: torch.Tensor,
         dw: torch.Tensor | None = None,
         kernel: Kernel = "sigma",
-        keep_sum: bool = False,
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return `(weights (N, K), strength (N,))` of `skinning.skinning_weights`, with fast gradients.
+    ) -> SkinningWeights:
+        """Return what `skinning_weights` returns, with fast gradients.
 
         `means (N, 3)` are the Gaussians in the world at their own reference time, `radius (M,)`, `mask (N, K)`.
         """
         node_x = _Gather.apply(scaffold_xyz.reshape(-1, 3).index_select(0, self.then), self.structure)
         node_radius = _Gather.apply(radius[:, None], self.neighbour_structure)[..., 0]
-        return skinning_weights(means, node_x, node_radius, mask, dw, kernel, keep_sum)
+        return skinning_weights(means, node_x, node_radius, mask, dw, kernel)
 
 
 def _int32(array: np.ndarray, device: torch.device | str) -> torch.Tensor:

@@ -133,7 +133,7 @@ def export(
 
 
 def _offset_notes(offset: np.ndarray, format: Format) -> tuple[str, ...]:
-    """True where the offset (3,) of a far scene is in its files."""
+    """Return True where the offset (3,) of a far scene is in its files."""
     if not offset.any():
         return ()
     shift = ", ".join(f"{value:,.0f}" for value in offset)

@@ -62,7 +62,7 @@ class GltfBuffer:
         return len(self.accessors) - 1
 
     def joined(self) -> bytes:
-        """The whole buffer."""
+        """Return the whole buffer."""
         return b"".join(self.pieces)
 
 

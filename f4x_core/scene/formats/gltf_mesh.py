@@ -67,7 +67,7 @@ def require_glb(path: Path) -> None:
 
 
 def _primitive(mesh: SplatMesh, buffer: GltfBuffer) -> dict[str, Any]:
-    """The triangles with colours, and with joints where the mesh has a skin."""
+    """Return the triangles with colours, and with joints where the mesh has a skin."""
     turn = Y_UP[:3, :3]
     attributes = {
         "POSITION": buffer.add(mesh.vertices @ turn.T, target=ARRAY_BUFFER, bounds=True),
@@ -123,7 +123,7 @@ def _add_skin(document: dict[str, Any], buffer: GltfBuffer, scene: Scene, mesh: 
 
 
 def _poses(scaffold: Scaffold, time: float, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (J,3) and unit rotations (J,4) wxyz float64 of the `used` nodes, y up."""
+    """Return the places (J,3) and unit rotations (J,4) wxyz float64 of the `used` nodes, y up."""
     xyz, quat = node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, time)
     _, turn, _ = similarity_of(Y_UP)
     xyz, quat = xyz[used].astype(np.float64), quat[used].astype(np.float64)

@@ -45,7 +45,7 @@ PLACED_BYTES = 56
 
 
 def holds_splats(path: Path) -> bool:
-    """True where the JSON of a .glb or .gltf file names the extension, or one of its family."""
+    """Return True where the JSON of a .glb or .gltf file names the extension, or one of its family."""
     with path.open("rb") as file:
         start = file.read(20)
         size = os.fstat(file.fileno()).st_size
@@ -79,7 +79,7 @@ def read_gltf(path: Path | str) -> Splats:
 
 
 def _read_document(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a file and the binary chunk of a .glb."""
+    """Return the JSON of a file and the binary chunk of a .glb."""
     data = path.read_bytes()
     if not data.startswith(GLB_MAGIC):
         return parse_json(data), b""
@@ -138,7 +138,7 @@ class _GltfFile:
                 yield primitive, matrix
 
     def primitives_of(self, mesh: int) -> list[dict[str, Any]]:
-        """The primitives of splats of a mesh."""
+        """Return the primitives of splats of a mesh."""
         if mesh not in self.meshes:
             primitives = self.document["meshes"][mesh]["primitives"]
             self.meshes[mesh] = [each for each in primitives if EXTENSION in each.get("extensions", {})]
@@ -160,7 +160,7 @@ class _GltfFile:
             )
 
     def splats(self, primitive: dict[str, Any]) -> Splats:
-        """Gaussians of a primitive in the axes of its node; harmonics with directions in these axes, too."""
+        """Return the Gaussians of a primitive in the axes of its node; harmonics with directions in these axes, too."""
         if id(primitive) not in self.parts:
             self.parts[id(primitive)] = self._splats(primitive)
         return self.parts[id(primitive)]
@@ -186,7 +186,7 @@ class _GltfFile:
         return found
 
     def values(self, index: int) -> np.ndarray:
-        """(n,k) float32 of an accessor; normalised integers as glTF 2.0, section 3.11, decodes them."""
+        """Return (n,k) float32 of an accessor; normalised integers as glTF 2.0, section 3.11, decodes them."""
         if index not in self.read:
             self.read[index] = self._values(index)
         return self.read[index]
@@ -213,7 +213,7 @@ class _GltfFile:
         return np.maximum(values / np.iinfo(kind).max, -1) if accessor.get("normalized") else values
 
     def buffer(self, index: int) -> bytes:
-        """Bytes of a buffer: of the .glb, inside the JSON, or of a file in the same folder or below."""
+        """Return the bytes of a buffer: of the .glb, inside the JSON, or of a file in the same folder or below."""
         if index not in self.buffers:
             uri = self.document["buffers"][index].get("uri")
             self.buffers[index] = self.binary if uri is None else self._bytes_of(uri)
@@ -255,7 +255,7 @@ def _require_known(extension: dict[str, Any], names: dict[str, Any]) -> None:
 
 
 def _local_matrix(node: dict[str, Any]) -> np.ndarray:
-    """The 4x4 matrix of a node to its parent (glTF 2.0, section 3.5.3)."""
+    """Return the 4x4 matrix of a node to its parent (glTF 2.0, section 3.5.3)."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = node.get("rotation", (0, 0, 0, 1))

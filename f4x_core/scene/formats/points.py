@@ -50,7 +50,7 @@ def write_points(scene: Posable, time: float, path: Path | str, transform: np.nd
 
 
 def _linear_rgba(posed: PosedSplats) -> np.ndarray:
-    """(N,4) uint8 as glTF's COLOR_0 wants it: linear light."""
+    """Return (N,4) uint8 as glTF's COLOR_0 wants it: linear light."""
     color = np.concatenate([linear_from_srgb(plain_color(posed)), posed.opacities[:, None]], axis=1)
     return np.rint(255 * color).astype(np.uint8)
 

@@ -90,7 +90,7 @@ class FixedPoint:
 
     @classmethod
     def of(cls, means: np.ndarray, scales: np.ndarray) -> FixedPoint:
-        """The steps for splats at `means (N,3)` of sizes `scales (N,3)`: all within reach, unless outliers make them too coarse."""
+        """Return the steps for splats at `means (N,3)` of sizes `scales (N,3)`: all in reach, unless outliers make steps coarse."""
         distance = np.abs(means).max(axis=1, initial=0).astype(np.float64)
         widest, size = _fraction(distance.max(initial=0)), np.inf
         if len(distance):
@@ -192,7 +192,7 @@ def _require_readable(version: int, count: int, degree: int, fraction: int, path
 
 
 def _in_ply_axes(splats: Splats) -> Splats:
-    """Splats of the file's axes in those of PLY files, with harmonics in each Gaussian's own frame, which turns along."""
+    """Return the splats of the file's axes in those of PLY files, with harmonics in each Gaussian's own frame."""
     _, turn, _ = similarity_of(Y_UP)
     turned = quaternion.multiply(turn, splats.quats.astype(np.float64)).astype(np.float32)
     own = spherical_harmonics.rotate(splats.sh, quaternion.conjugate(splats.quats))
@@ -200,7 +200,7 @@ def _in_ply_axes(splats: Splats) -> Splats:
 
 
 def _unpacked(rows: list[np.ndarray], unit: float) -> Splats:
-    """Splats of the six attributes' bytes (N,k), in the file's axes; `unit` is one step of a position."""
+    """Return the splats of the six attributes' bytes (N,k), in the file's axes; `unit` is one step of a position."""
     position, opacity, colour, scale, rotation, harmonics = rows
     count = len(position)
     fixed = np.zeros((count, 3, 4), np.uint8)
@@ -231,7 +231,7 @@ def _bytes(values: np.ndarray) -> np.ndarray:
 
 
 def _smallest_three(quats: np.ndarray) -> np.ndarray:
-    """(N,) uint32 of wxyz rotations: which of x, y, z, w is largest, then sign and 9 bits of each of the others."""
+    """Return (N,) uint32 of wxyz rotations: which of x, y, z, w is largest, then sign and 9 bits of each of the others."""
     xyzw = np.roll(quaternion.normalize(quats.astype(np.float64)), -1, axis=1)
     largest = np.abs(xyzw).argmax(axis=1)
     xyzw *= np.where(np.take_along_axis(xyzw, largest[:, None], 1) < 0, -1, 1)
@@ -244,7 +244,7 @@ def _smallest_three(quats: np.ndarray) -> np.ndarray:
 
 
 def _rotations(rows: np.ndarray) -> np.ndarray:
-    """(N,4) unit wxyz float32 of the bytes of rotations, (N,3) in version 2 or (N,4)."""
+    """Return (N,4) unit wxyz float32 of the bytes of rotations, (N,3) in version 2 or (N,4)."""
     xyzw = np.zeros((len(rows), 4))
     if rows.shape[1] == 3:
         xyzw[:, :3] = rows / 127.5 - 1

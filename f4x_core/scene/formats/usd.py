@@ -17,7 +17,9 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -94,7 +96,7 @@ class Kind:
 
 
 def _harmonics(posed: PosedSplats) -> np.ndarray:
-    """(N S, 3): the coefficients of one Gaussian are neighbours, the constant one first."""
+    """Return (N S, 3): the coefficients of one Gaussian are neighbours, the constant one first."""
     return world_harmonics(posed, MAX_DEGREE).reshape(-1, 3)
 
 
@@ -142,22 +144,8 @@ POINTS = Kind(
 )
 
 
-def write_usd(
-    scene: Posable,
-    times: Sequence[float],
-    path: Path | str,
-    transform: np.ndarray | None = None,
-    progress: Progress = silent,
-) -> None:
-    """Write splats at all `times` (clip times, increasing), moved by the 4x4 similarity `transform`.
-
-    A `path` that ends in .usdc gets OpenUSD's binary form of the same. Raises F4xError, also where that lacks its library.
-    """
-    _write_stage(scene, times, path, transform, progress, SPLATS)
-
-
 def expected_bytes(static: int, dynamic: int, moments: int, coefficients: int) -> int:
-    """About the size of the file that `write_usd` makes of so many Gaussians, of which `dynamic` move, at so many moments."""
+    """Return about the size of the file that `write_usd` makes of so many Gaussians at so many moments; `dynamic` move."""
     shape = DECIMALS + AROUND
     colour = 3 * min(coefficients, (MAX_DEGREE + 1) ** 2) * shape
     pose = 3 * (MIN_DECIMALS + AROUND) + 4 * shape
@@ -166,15 +154,42 @@ def expected_bytes(static: int, dynamic: int, moments: int, coefficients: int) -
     return static * (pose + 4 * shape + colour) + dynamic * (moments * sampled + 4 * shape + colour)
 
 
-def write_usd_points(
+def write_usd(
     scene: Posable,
     times: Sequence[float],
     path: Path | str,
     transform: np.ndarray | None = None,
     progress: Progress = silent,
+    kind: Kind = SPLATS,
 ) -> None:
-    """Write coloured points, which any USD reader shows and Blender plays back as a point cloud."""
-    _write_stage(scene, times, path, transform, progress, POINTS)
+    """Write splats at all `times` (clip times, increasing), moved by the 4x4 similarity `transform`.
+
+    A `path` that ends in .usdc gets OpenUSD's binary form of the same. Raises F4xError, also where that lacks its library.
+    """
+    if Path(path).suffix.lower() == ".usdc":
+        _write_binary(Path(path), lambda text: write_usd(scene, times, text, transform, progress, kind))
+        return
+    matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
+    scene = without_tints(scene)
+    moments = _Moments(scene, times, matrix, footprint(scene) if kind is SPLATS else None)
+    parts, coefficients = _parts(iter(moments), path)
+    root = re.sub(r"\W", "_", scene.name, flags=re.ASCII)
+    root = root if re.match(r"[A-Za-z_]", root) else f"_{root}"
+    if not parts:
+        raise F4xError(f"{path}: nothing is visible at the chosen times; choose others")
+    done, total = itertools.count(), len(times) * sum(part.samples(column) for part in parts for column in kind.columns)
+    with replace_file(path) as file:
+        file.write(_header(root, times, scene.fps, Y_UP[:3, :3] @ scene.offset).encode())
+        for part in parts:
+            _write_part(
+                file, part, kind, coefficients, moments, lambda message: progress("export", next(done), total, message)
+            )
+        file.write(b"}\n")
+    progress("export", total, total)
+
+
+write_usd_points = partial(write_usd, kind=POINTS)
+"""`write_usd` of coloured points, which any USD reader shows and Blender plays back as a point cloud."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +207,7 @@ class Part:
     """Decimals of positions."""
 
     def text(self, column: Column, posed: PosedSplats) -> bytes:
-        """The values of an attribute at one moment."""
+        """Return the values of an attribute at one moment."""
         decimals = self.decimals if column.decimals is None else column.decimals
         return _array(column.values(self.of(posed)), decimals, column.digits)
 
@@ -205,76 +220,73 @@ class Part:
         return posed.take(posed.opacities > 0 if self.index is None else self.index)
 
 
-def _write_stage(
-    scene: Posable,
-    times: Sequence[float],
-    path: Path | str,
-    transform: np.ndarray | None,
-    progress: Progress,
-    kind: Kind,
-) -> None:
-    if Path(path).suffix.lower() == ".usdc":
-        _write_binary(Path(path), lambda text: _write_stage(scene, times, text, transform, progress, kind))
-        return
-    matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
+@dataclass(frozen=True, eq=False)
+class _Moments:
+    """A scene at clip times, in the axes of a stage."""
 
-    scene = without_tints(scene)  # else every Gaussian has colors of its own in every frame
-    width = footprint(scene)
+    scene: Posable
+    """Without tints: with them every Gaussian has colors of its own in every frame."""
+    times: Sequence[float]
+    """Increasing."""
+    matrix: np.ndarray
+    """(4,4) similarity from the scene to the stage."""
+    footprint: np.ndarray | None
+    """(N,) standard deviation that is added to all scales; None: none is."""
 
-    def posed_at(time: float) -> PosedSplats:
-        posed = scene.posed(time)
-        return transformed(with_footprint(posed, width) if kind is SPLATS else posed, matrix)
+    def at(self, time: float) -> PosedSplats:
+        """Return the Gaussians at one moment."""
+        posed = self.scene.posed(time)
+        return transformed(posed if self.footprint is None else with_footprint(posed, self.footprint), self.matrix)
 
-    turns = _shortest_turns([posed_at(time).quats for time in (times[0], times[len(times) // 2], times[-1])])
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """(N,) rows of `TURNS` that shorten the text of the quaternions."""
+        times = self.times
+        return _shortest_turns([self.at(time).quats for time in (times[0], times[len(times) // 2], times[-1])])
 
-    def poses() -> Iterator[PosedSplats]:
-        """The moments in order; neighbouring quaternions on one hemisphere, because readers interpolate them."""
+    def __iter__(self) -> Iterator[PosedSplats]:
+        """Yield the moments in order; neighbouring quaternions on one hemisphere, because readers interpolate them."""
         before = np.empty((0, 4))
-        for time in times:
-            posed = posed_at(time)
-            if len(turns) == len(posed.quats):  # else their number changes with time
-                posed = _turned(posed, turns)
+        for time in self.times:
+            posed = self.at(time)
+            if len(self.turns) == len(posed.quats):  # else their number changes with time
+                posed = _turned(posed, self.turns)
             quats = quaternion.normalize(posed.quats)
             if before.shape == quats.shape:
                 quats = np.where((before * quats).sum(axis=1, keepdims=True) < 0, -quats, quats)
             before = quats
             yield replace(posed, quats=quats)
 
-    def counted(moments: Iterator[PosedSplats], message: str) -> Iterator[PosedSplats]:
-        """Yield the moments, and report progress at each."""
-        for posed in moments:
-            progress("export", next(done), total, message)
-            yield posed
 
-    parts, coefficients = _parts(poses(), path)
-    root = re.sub(r"\W", "_", scene.name, flags=re.ASCII)
-    root = root if re.match(r"[A-Za-z_]", root) else f"_{root}"
-    if not parts:
-        raise F4xError(f"{path}: nothing is visible at the chosen times; choose others")
-    done, total = itertools.count(), len(times) * sum(part.samples(column) for part in parts for column in kind.columns)
-    with replace_file(path) as file:
-        file.write(_header(root, times, scene.fps, Y_UP[:3, :3] @ scene.offset).encode())
-        for part in parts:
-            low, high = part.extent
-            file.write(f'\n    def {kind.type_name} "{part.name}"\n    {{\n'.encode())
-            file.write(b"        float3[] extent = " + _array(np.stack([low, high]), part.decimals) + b"\n")
-            file.write("".join(f"        {line}\n" for line in kind.fixed(coefficients)).encode())
-            for column in kind.columns:
-                metadata = column.metadata(coefficients).encode()
-                if not part.samples(column):
-                    text = part.text(column, next(poses()))
-                    file.write(f"        {column.declaration} = ".encode() + text + metadata + b"\n")
-                    continue
-                if metadata:  # metadata stand with a declaration, time samples follow alone
-                    file.write(f"        {column.declaration}".encode() + metadata + b"\n")
-                file.write(f"        {column.declaration}.timeSamples = {{\n".encode())
-                moments = counted(poses(), f"{part.name} {column.declaration.split()[1]}")
-                for time, text in _samples(times, (part.text(column, posed) for posed in moments)):
-                    file.write(f"            {time:.10g}: ".encode() + text + b",\n")
-                file.write(b"        }\n")
-            file.write(b"    }\n")
-        file.write(b"}\n")
-    progress("export", total, total)
+def _counted(moments: _Moments, report: Callable[[], None]) -> Iterator[PosedSplats]:
+    """Yield the moments, with a call of `report` before each."""
+    for posed in moments:
+        report()
+        yield posed
+
+
+def _write_part(
+    file: IO[bytes], part: Part, kind: Kind, coefficients: int, moments: _Moments, report: Callable[[str], None]
+) -> None:
+    """Write one prim of splats; `report` is called with a message for every moment of an attribute."""
+    low, high = part.extent
+    file.write(f'\n    def {kind.type_name} "{part.name}"\n    {{\n'.encode())
+    file.write(b"        float3[] extent = " + _array(np.stack([low, high]), part.decimals) + b"\n")
+    file.write("".join(f"        {line}\n" for line in kind.fixed(coefficients)).encode())
+    for column in kind.columns:
+        metadata = column.metadata(coefficients).encode()
+        if not part.samples(column):
+            text = part.text(column, next(iter(moments)))
+            file.write(f"        {column.declaration} = ".encode() + text + metadata + b"\n")
+            continue
+        if metadata:  # metadata stand with a declaration, time samples follow alone
+            file.write(f"        {column.declaration}".encode() + metadata + b"\n")
+        file.write(f"        {column.declaration}.timeSamples = {{\n".encode())
+        counted = _counted(moments, partial(report, f"{part.name} {column.declaration.split()[1]}"))
+        for time, text in _samples(moments.times, (part.text(column, posed) for posed in counted)):
+            file.write(f"            {time:.10g}: ".encode() + text + b",\n")
+        file.write(b"        }\n")
+    file.write(b"    }\n")
 
 
 def _shortest_turns(moments: Sequence[np.ndarray]) -> np.ndarray:
@@ -385,13 +397,13 @@ def _parts(poses: Iterator[PosedSplats], path: Path | str) -> tuple[list[Part], 
 
 
 def _boxes(posed: PosedSplats) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (N,3) of a box around each Gaussian."""
+    """Return the corners (N,3) of a box around each Gaussian."""
     reach = REACH * posed.scales.max(axis=1, keepdims=True, initial=0)
     return posed.means - reach, posed.means + reach
 
 
 def _header(root: str, times: Sequence[float], fps: float, offset: np.ndarray) -> str:
-    """The lines up to the first prim of splats; `offset (3,)` moves all of them, in double precision."""
+    """Return the lines up to the first prim of splats; `offset (3,)` moves all of them, in double precision."""
     moved = f"({', '.join(f'{value:.17g}' for value in offset)})"
     shift = (
         f'    double3 xformOp:translate = {moved}\n    uniform token[] xformOpOrder = ["xformOp:translate"]\n'
@@ -416,7 +428,7 @@ def _decimals(posed: PosedSplats) -> int:
 
 
 def _array(values: np.ndarray, decimals: int, digits: int | None = None) -> bytes:
-    """`[1,2]` of values (N,), `[(1,2),(.3,4)]` of (N,k), rounded to `decimals`, or to significant `digits`."""
+    """Return `[1,2]` of values (N,), `[(1,2),(.3,4)]` of (N,k), rounded to `decimals`, or to significant `digits`."""
     if digits is None:
         digits, values = EXACT, np.round(values.astype(np.float64), decimals) + 0.0  # there is no -0 then
     number = f"%.{digits}g"

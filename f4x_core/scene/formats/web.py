@@ -88,7 +88,7 @@ def believed_degrees(scene: Scene) -> float:
 
 
 def _stored(scene: Scene) -> Splats:
-    """All Gaussians as the file stores them, dynamic ones at their reference times, with the colour of the middle camera."""
+    """Return all Gaussians as the file stores them, dynamic ones at their reference times, with the colour of the middle camera."""
     middle = len(scene.cameras) // 2
     colour = scene.colors(scene.posed(float(scene.cameras.times[middle])), scene.cameras[middle])
     opacities, _ = scene.full_appearance
@@ -135,7 +135,7 @@ def _joined(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, tuple[str, int,
 
 
 def _centre_depth(scene: Scene) -> float:
-    """Distance from the middle camera about which one looks aside: 1, the median depth of a fitted clip; that of a foreign file."""
+    """Return the distance from the middle camera about which one looks aside: 1, or that of a foreign file's scene."""
     if "import" not in scene.provenance:
         return 1.0
     camera = scene.cameras[len(scene.cameras) // 2]

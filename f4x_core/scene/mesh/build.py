@@ -1,4 +1,4 @@
-"""From selected Gaussians to a skinned mesh."""
+"""Makes a skinned mesh of selected Gaussians."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOMENTS, SAME = 7, 1e-4
 """Clip times at which an edited scene is compared with what its nodes do, and the world units up to which that is the same."""
 APART = 0.5
 """Grid steps from the middle of a thin sheet to each of its sides."""
-FEWEST = 10
+MIN_GAUSSIANS = 10
 """Gaussians that a thing needs: a surface around less says nothing about it."""
 
 
@@ -106,16 +106,16 @@ def mesh_of(
 ) -> SplatMesh:
     """Return the mesh around the Gaussians `chosen (N,) bool` of `scene.posed`, as they are at clip time `time`.
 
-    None is the time at which they are spread the widest. Raises F4xError for fewer than `FEWEST` visible Gaussians, where nothing
-    is opaque enough, and where edits move them as no node does (bake those first).
+    None is the time at which they are spread the widest. Raises F4xError for fewer than `MIN_GAUSSIANS` visible Gaussians, where
+    nothing is opaque enough, and where edits move them as no node does (bake those first).
     """
     config = config or MeshConfig()
     time = widest_time(scene, chosen) if time is None else time
     posed = scene.posed(time)
     rows = np.flatnonzero(chosen & (posed.opacities > 0))
-    if len(rows) < FEWEST:
+    if len(rows) < MIN_GAUSSIANS:
         raise F4xError(
-            f"{len(rows)} of the selected Gaussians are visible at clip time {time:g}, and a surface needs {FEWEST};"
+            f"{len(rows)} of the selected Gaussians are visible at clip time {time:g}, and a surface needs {MIN_GAUSSIANS};"
             " select more of the thing, or another time."
         )
     posed = posed.take(rows)
@@ -210,13 +210,13 @@ def _surface(posed: PosedSplats, config: MeshConfig, progress: Progress) -> tupl
 
 
 def _means(grid: Grid, sums: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(P,C) means of what `opacity_field` summed, at `points (P,3)`."""
+    """Return (P,C) means of what `opacity_field` summed, at `points (P,3)`."""
     *totals, depth = grid.sample(sums, points).T
     return np.stack(totals, axis=1) / np.maximum(depth, np.finfo(np.float32).tiny)[:, None]
 
 
 def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V,3) of length 1, the mean of the triangles around by area."""
+    """Return (V,3) of length 1, the mean of the triangles around by area."""
     normals = np.zeros_like(vertices)
     of_faces = normals_of(vertices, faces)
     for corner in range(3):

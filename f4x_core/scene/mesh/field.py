@@ -39,7 +39,7 @@ class Grid:
 
     @classmethod
     def around(cls, splats: Splats, resolution: int) -> Grid:
-        """A grid around most of `splats` with `resolution` steps along its longest side, with one empty layer of points outside."""
+        """Return a grid around most of `splats` with `resolution` steps along its longest side, and an empty layer around."""
         means = np.asarray(splats.means, np.float64)
         reach = REACH * _deviations(splats)
         low, high = np.percentile(means, [TRIMMED, 100 - TRIMMED], axis=0)
@@ -51,7 +51,7 @@ class Grid:
         return cls(low - step, step, (int(sides[0]), int(sides[1]), int(sides[2])))
 
     def sample(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Values (P,C) at `points (P,3)` by trilinear interpolation of `values (X,Y,Z,C)`; the border's beyond it."""
+        """Return the values (P,C) at `points (P,3)` by trilinear interpolation of `values (X,Y,Z,C)`; the border's beyond it."""
         place = np.clip((points - self.origin) / self.step, 0, np.array(self.shape) - 1.001)
         corner = place.astype(int)
         found = np.zeros((len(points), values.shape[-1]))
@@ -129,6 +129,6 @@ def _contributions(
 
 
 def _deviations(splats: Splats) -> np.ndarray:
-    """(N,3) standard deviation of each Gaussian along the world's axes."""
+    """Return (N,3) standard deviation of each Gaussian along the world's axes."""
     turn = quaternion.to_matrix(np.asarray(splats.quats, np.float64))
     return np.sqrt((turn**2 * (np.asarray(splats.scales, np.float64) ** 2)[:, None]).sum(2))

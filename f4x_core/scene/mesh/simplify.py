@@ -170,7 +170,7 @@ def _independent(vertices: int, ends: np.ndarray, cost: np.ndarray, cheap: int) 
 
 
 def _closed_after(vertices: int, faces: np.ndarray, ends: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """(n,) bool: the ends of a chosen edge have exactly two neighbours in common, those of its two triangles."""
+    """Return (n,) bool: the ends of a chosen edge have exactly two neighbours in common, those of its two triangles."""
     both = np.concatenate([ends, ends[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]
     start = np.searchsorted(both[:, 0], np.arange(vertices + 1))
@@ -187,7 +187,7 @@ def _closed_after(vertices: int, faces: np.ndarray, ends: np.ndarray, chosen: np
 
 
 def _not_turned(vertices: np.ndarray, faces: np.ndarray, ends: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(n,) bool: no triangle beside the independent edges `ends (n,2)` turns over when they become `places (n,3)`."""
+    """Return (n,) bool: no triangle beside the independent edges `ends (n,2)` turns over when they become `places (n,3)`."""
     edge = np.full(len(vertices), -1)
     edge[ends[:, 0]] = edge[ends[:, 1]] = np.arange(len(ends))
     moved = vertices.copy()

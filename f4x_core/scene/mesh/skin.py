@@ -84,14 +84,14 @@ def skin_of(vertices: np.ndarray, faces: np.ndarray, carriers: Carriers, time: f
     near, distance = _nearest(vertices, carriers.means[picked])
     near = picked[near]
     far = np.maximum(distance.max(1, keepdims=True), np.finfo(np.float32).tiny)
-    share = carriers.opacities[near] * np.exp(-2 * (distance / far) ** 2)
-    share *= carriers.strength[near] / share.sum(1, keepdims=True)
+    fraction = carriers.opacities[near] * np.exp(-2 * (distance / far) ** 2)
+    fraction *= carriers.strength[near] / fraction.sum(1, keepdims=True)
     nodes, column = np.unique(carriers.node, return_inverse=True)
     column = column.reshape(carriers.node.shape)
     total = np.zeros((len(vertices), len(nodes)), np.float32)
     for nth in range(near.shape[1]):
         rows = near[:, nth]
-        own = share[:, nth, None] * carriers.weight[rows]
+        own = fraction[:, nth, None] * carriers.weight[rows]
         np.add.at(total, (np.arange(len(rows))[:, None], column[rows]), own)
     ends = edges_of(faces)
     for _ in range(EVENED):
@@ -146,6 +146,6 @@ def deviation(vertices: np.ndarray, skin: Skin, scaffold: Scaffold, times: np.nd
 
 
 def _poses(scaffold: Scaffold, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations (M,4) and places (M,3) float64 of the nodes."""
+    """Return the rotations (M,4) and places (M,3) float64 of the nodes."""
     xyz, quat = node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, time)
     return quat.astype(np.float64), xyz.astype(np.float64)

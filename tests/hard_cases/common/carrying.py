@@ -21,9 +21,9 @@ from f4x_core.scaffold.deformation import (
     pairs_of,
     relative_motions,
 )
-from f4x_core.scaffold.deformation.native.autograd import NativeDeformer
+from f4x_core.scaffold.deformation.native.autograd import GaussianTensors, NativeDeformer, NodeTensors
 from f4x_core.scaffold.deformation.sparse import Deformer
-from f4x_core.scaffold.skinning import skinning_weights
+from f4x_core.scaffold.skinning import SkinningWeights, skinning_weights
 
 NODES, FRAMES, GAUSSIANS, SLOTS = 10, 5, 60, 4
 LEAVES = ("local_xyz", "local_quat", "dw", "node_xyz", "node_quat", "radius")
@@ -104,7 +104,8 @@ def _by_torch(carried: Carried, leaves: Leaves, time: float) -> tuple[torch.Tens
 def _by_library(carried: Carried, leaves: Leaves, time: float) -> tuple[torch.Tensor, torch.Tensor]:
     deformer = Deformer(carried.times, carried.reference, carried.neighbours, leaves["node_xyz"].shape[1])
     native = NativeDeformer(deformer, torch.as_tensor(carried.mask), "sigma", 1)
-    return native(*(leaves[name] for name in LEAVES), (time,))[0]
+    gaussians, nodes = (tuple(leaves[name] for name in LEAVES[part]) for part in (slice(3), slice(3, None)))
+    return native(GaussianTensors(*gaussians), NodeTensors(*nodes), (time,))[0]
 
 
 def _played(carried: Carried, time: float, compiled: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -120,7 +121,7 @@ def _played(carried: Carried, time: float, compiled: bool) -> tuple[np.ndarray, 
     if compiled:
         table = relative_motions(carried.times, a["node_xyz"], a["node_quat"], pairs, time)
         return move_gaussians(table, pairs.index, weights, strength, x, q)
-    moved = deform(carried.times, a["node_xyz"], a["node_quat"], pairs, weights, strength, time)
+    moved = deform(carried.times, a["node_xyz"], a["node_quat"], pairs, SkinningWeights(weights, strength), time)
     rotation, means = pose.compose(*moved, q, x)
     return means, rotation
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -14,11 +14,35 @@ from torch.autograd.function import once_differentiable
 from ....geometry import quaternion
 from ....geometry.arrays import safe_norm
 from ...skinning import Kernel
+from ...structure import NodePoses
 from ..reference import node_poses_at
 from ..sparse import Deformer
 from . import library
 
 NAMES = ("xyz", "quat", "dw", "node_xyz", "node_quat", "radius", "now_xyz", "now_quat")
+"""Names in `library` of the tensors of `GaussianTensors`, `NodeTensors` and `NodePoses`, in this order."""
+
+
+class GaussianTensors(NamedTuple):
+    """Parameters of N Gaussians in the frames of their nodes."""
+
+    xyz: Tensor
+    """(N, 3)"""
+    quat: Tensor
+    """(N, 4) of any length."""
+    dw: Tensor | None
+    """(N, K) learnt corrections of the skinning weights."""
+
+
+class NodeTensors(NamedTuple):
+    """Parameters of M nodes."""
+
+    xyz: Tensor
+    """(F, M, 3)"""
+    quat: Tensor
+    """(F, M, 4) of any length."""
+    radius: Tensor
+    """(M,)"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,38 +56,28 @@ class SkinningData:
 
     @classmethod
     def of(cls, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int) -> SkinningData:
-        """The same as in `deformer`; `mask (N, K)` bool are its valid neighbours."""
+        """Return the same as in `deformer`; `mask (N, K)` bool are its valid neighbours."""
         fixed = {"node": deformer.node.numpy(), "then": deformer.then.numpy(), "mask": mask.numpy()}
         return cls(fixed | {"index": deformer.pairs.index}, kernel, threads)
 
-    def deform_at(self, knots: Sequence[int], *tensors: Tensor | None) -> list[tuple[Tensor, Tensor]]:
-        """`deform` at the times that the nodes' poses are stored for, by their places `knots`.
+    def deform_at(
+        self, knots: Sequence[int], gaussians: GaussianTensors, nodes: NodeTensors
+    ) -> list[tuple[Tensor, Tensor]]:
+        """Return `deform` at the times that the nodes' poses are stored for, by their indices `knots` in F.
 
-        The tensors are those of `deform` but for the last two, which are looked up here: one node of autograd in place of dozens.
+        The poses are looked up here: one node of autograd in place of dozens.
         """
-        moved = _Deformation.apply(self, tuple(knots), *tensors, None, None)
+        moved = _Deformation.apply(self, tuple(knots), *gaussians, *nodes, None, None)
         return list(zip(moved[: len(knots)], moved[len(knots) :], strict=True))
 
-    def deform(
-        self,
-        xyz: Tensor,
-        quat: Tensor,
-        dw: Tensor | None,
-        node_xyz: Tensor,
-        node_quat: Tensor,
-        radius: Tensor,
-        now_xyz: Tensor,
-        now_quat: Tensor,
-    ) -> list[tuple[Tensor, Tensor]]:
+    def deform(self, gaussians: GaussianTensors, nodes: NodeTensors, now: NodePoses) -> list[tuple[Tensor, Tensor]]:
         """Return `(means (N, 3), quats (N, 4))` at each of T times, differentiable once; float32 on the CPU.
 
-        `xyz (N, 3)`, `quat (N, 4)` of any length and `dw (N, K)` or None are the Gaussians' parameters; `node_xyz (F, M, 3)`,
-        `node_quat (F, M, 4)` of any length and `radius (M,)` those of the nodes; `now_xyz (T, M, 3)`, `now_quat (T, M, 4)`
-        their poses at the T times. Strength is 1. The gradient of `now_quat` is right only across the quaternions, so they
-        must come from a normalisation. Gradients are bit-equal for every number of threads.
+        `now` are the nodes' poses at the T times. Strength is 1. The gradient of `now.quat` is right only across the
+        quaternions, so they must come from a normalisation. Gradients are bit-equal for every number of threads.
         """
-        times = len(now_xyz)
-        moved = _Deformation.apply(self, None, xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)
+        times = len(now.xyz)
+        moved = _Deformation.apply(self, None, *gaussians, *nodes, *now)
         return list(zip(moved[:times], moved[times:], strict=True))
 
 
@@ -94,7 +108,7 @@ class _Deformation(torch.autograd.Function):
 
 
 def _stacked(parts: Sequence[Tensor]) -> np.ndarray:
-    """Tensors of one shape behind each other; of one, itself."""
+    """Return the tensors of one shape behind each other; of one, itself."""
     return parts[0].numpy()[None] if len(parts) == 1 else torch.stack(tuple(parts)).numpy()
 
 
@@ -130,19 +144,11 @@ class NativeDeformer:
         self._knots = {float(time): place for place, time in enumerate(self.times)}
 
     def __call__(
-        self,
-        xyz: Tensor,
-        quat: Tensor,
-        dw: Tensor | None,
-        node_xyz: Tensor,
-        node_quat: Tensor,
-        radius: Tensor,
-        times: Sequence[float],
+        self, gaussians: GaussianTensors, nodes: NodeTensors, times: Sequence[float]
     ) -> list[tuple[Tensor, Tensor]]:
-        """Return `(means (N, 3), quats (N, 4))` at each of `times`; the tensors are those of `SkinningData.deform`."""
+        """Return `(means (N, 3), quats (N, 4))` at each of `times`, differentiable once."""
         if all(time in self._knots for time in times):
-            own = xyz, quat, dw, node_xyz, node_quat, radius
-            return self.skinning.deform_at([self._knots[time] for time in times], *own)
-        poses = [node_poses_at(self.times, node_xyz, node_quat, time) for time in times]
-        now_xyz, now_quat = (torch.stack(part) for part in zip(*poses, strict=True))
-        return self.skinning.deform(xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)
+            return self.skinning.deform_at([self._knots[time] for time in times], gaussians, nodes)
+        poses = [node_poses_at(self.times, nodes.xyz, nodes.quat, time) for time in times]
+        now = NodePoses(*(torch.stack(part) for part in zip(*poses, strict=True)))
+        return self.skinning.deform(gaussians, nodes, now)
