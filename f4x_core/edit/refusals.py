@@ -44,7 +44,7 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
             "[scratch|strike|scrap|drop|forget|cancel|kill|lose|axe|ditch|discard|ignore|revoke] (about) "
             "[it|that|this] (all|one|again)|never mind (that|it)|nevermind|not [that|it] (one)|leave it|"
             "[rather|better] not|[just] kidding|take it back|[restore|reset|redo] (everything|all|it|the original)|[undo|revert] "
-            "[everything|all|the original]|redo|start over|[put|bring|turn] [it|that|this|"
+            "the original|redo|start over|[put|bring|turn] [it|that|this|"
             "them|everything] back (to how it was|how it was|as it was) (again)|step back|go (one|two|three|"
             "a) [step|steps] back|go back ([one|two|three|a|some] [step|steps|edits])|[scratch|cancel|"
             "delete|remove|reverse] (my|the|that) [last|previous] ([two|three|few]) [edit|edits|change|"
