@@ -556,7 +556,7 @@ def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
 
 
 _wearing = ~_article + _things(_wearing_at)
-_say = Notation(globals(), reserve=True)
+_say = Notation(globals(), VOCABULARY)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
 )

@@ -310,7 +310,7 @@ _slots: dict[str, Rule] = {
         >> (lambda names: ("near", names)),
         cue("on|to|at")
         + _names
-        + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, words_of=WORDS)
+        + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, vocabulary=WORDS)
         >> (lambda names, relation: (relation, names)),
     ),
     "place-or": either(CUES["on-side"] >> (lambda: "left of"), CUES["place"]) + cue("or") + CUES["place"] + _names
