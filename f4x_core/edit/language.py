@@ -568,6 +568,8 @@ def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
         left_out = [one for one in left_out if not (isinstance(one, Instance) and one.of == select.of)]
     if not left_out or select is None:
         return operation
+    if operation.left is not None:
+        return operation.altered(select=together((select, *left_out)))
     if isinstance(select, All):
         return operation.altered(select=Not(together(left_out)))
     if isinstance(select, Not):

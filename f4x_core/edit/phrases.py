@@ -448,7 +448,7 @@ _count = generated(
 _several = silent(_count)
 _article = keyword(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"
-    "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
+    "both (of) the|each of the|every one of the|every single|the [whole|entire]"
 )
 _determiner = _article + ~_several
 
@@ -832,9 +832,7 @@ def _both(label: str, context: SentenceContext) -> SelectKind:
 _with_its = literal("with|including") + here(
     lambda reading, at: reading.word(at) in ("its", "his", "her", "their") and reading.word(at + 1) in _CAST
 )
-_and_also = _with_its | keyword(
-    "and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all"
-)
+_and_also = _with_its | keyword("and|,|, and|and also|plus|+|as well as|along with|together with|and then|and all")
 
 
 def _is_same_wish(reading: Reading, at: int) -> bool:

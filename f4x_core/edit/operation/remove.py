@@ -76,7 +76,7 @@ class Delete(Removal, ChangeWithShadow):
 
         all_but = say.command(
             "remove everything except the dog", say.always(extracted), "verb", say.NAMED, say.everything_but,
-            verb="[{!delete}|strip|wipe|scrub] (<OUT>)",
+            verb="[{!delete}|clear|drop|cut|strip|wipe|scrub] (<OUT>)",
         )  # fmt: skip
         without = say.command(
             "without the dog", say.always(deleted), "without", say.NAMED,
