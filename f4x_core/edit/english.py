@@ -361,15 +361,6 @@ toward = ~literal(
     "picture|postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
     "classic|nice|some|for|but|but in|be of|from"
 )
-_MAX_DESCRIBING = 2
-described = generated(
-    lambda reading, at: (
-        (end, None)
-        for end in range(at + 1, at + _MAX_DESCRIBING + 1)
-        if all(reading.word(i).isalpha() and reading.word(i) not in FUNCTION_WORDS for i in range(at, end))
-    )
-)
-"""Adjectives before the name of a look, which says it all: "old photo sepia"."""
 
 
 def at_most(x: float) -> float:

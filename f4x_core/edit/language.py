@@ -563,7 +563,7 @@ def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
     if not operation.ACTS:
         return operation
     select = getattr(operation, "select", None)
-    left_out = [one for one in spared if one != select and not (isinstance(select, Not) and select.of == one)]
+    left_out = [one for one in spared if one not in (select, Not(select)) and Not(one) != select]
     if isinstance(select, Instance):  # "the back one, leave the front one alone"
         left_out = [one for one in left_out if not (isinstance(one, Instance) and one.of == select.of)]
     if not left_out or select is None:

@@ -829,10 +829,7 @@ def _both(label: str, context: SentenceContext) -> SelectKind:
     return context.last
 
 
-_with_its = literal("with|including") + here(
-    lambda reading, at: reading.word(at) in ("its", "his", "her", "their") and reading.word(at + 1) in _CAST
-)
-_and_also = _with_its | keyword("and|,|, and|and also|plus|+|as well as|along with|together with|and then|and all")
+_and_also = keyword("and|,|, and|and also|plus|+|as well as|along with|together with|and then|and all")
 
 
 def _is_same_wish(reading: Reading, at: int) -> bool:
@@ -888,9 +885,6 @@ _EXCEPT = (
     "not including|but (for)|[that|which|who] [is|are] not|save (for)|bar|leaving out|except of|beside from|outside of"
 )
 _the_biggest = keyword("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
-_everywhere_else = keyword(
-    "[everything|anything|all] [else|other] [but|than|except]|all (the) other [things|objects] [than|but|except]"
-)
 untouched = literal(
     "alone|be|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where they are|"
     "in peace|normal|original|like it is|like it was|in place|out of it|as before|how it is|in (full|its) (original|normal) "
@@ -922,7 +916,7 @@ spares = _say(
 )
 """Whom a command for everything or several leaves as they are, said in a clause of its own: "but keep the dog"."""
 everything_but = _say(
-    "<_everywhere_else> <_union>|[<_everything>|<.everything_else>] <_in_scene> [<_besides>|<spares>|not "
+    "[<_everything>|<.everything_else>] <_in_scene> [<_besides>|<spares>|not "
     "<_union>]|[what|whatever|all that|anything that] is not <_union>"
 )
 """Rule of the thing spared in "everything except the dog": a `Who`."""

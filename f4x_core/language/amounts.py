@@ -22,7 +22,7 @@ from .grammar import (
     unless,
     word_if,
 )
-from .lexicon import FRACTIONS, ONES, PICTURE, PLACES, TENS, word_set
+from .lexicon import FRACTIONS, ONES, PICTURE, TENS, word_set
 from .refusal import Mismatch
 
 _MANY = {"hundred": 100.0, "dozen": 12.0}
@@ -144,9 +144,6 @@ _hedge = ~keyword(",") + ~literal(
 _counting = literal(
     "frame|frames|f|second|seconds|s|degrees|degree|x|times|units|unit|width|widths|stop|stops|%|percent|to|-|th"
 )
-_notches = number + literal("shade|shades|notch|notches|step|steps|click|clicks|tick|ticks|tone|tones") >> (
-    lambda x: Amount("times", round(DEGREES["small"].factors[0] ** x, PLACES))
-)
 
 
 def _as_percents(x: float) -> Amount:
@@ -159,7 +156,6 @@ def _as_percents(x: float) -> Amount:
 percents = number >> _as_percents
 amount = either(
     degree,
-    ~keyword("by") + _hedge + _notches,
     _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
     ~keyword("by") + _hedge + stops,
     ~keyword("by") + _hedge + percent >> (lambda x: Amount("fraction", x)),
@@ -203,7 +199,6 @@ def comparison(
         _hedge + (multiple | percent) + so >> (lambda x, upward: changed(Amount("as", x), upward)),
         fraction + (so + keyword("again") | keyword("again") + so)
         >> (lambda x, upward: changed(Amount("as", 1 + x), upward)),
-        so + keyword("again") >> (lambda upward: changed(Amount("as", 2.0), upward)),
     )
 
 
