@@ -829,7 +829,10 @@ def _both(label: str, context: SentenceContext) -> SelectKind:
     return context.last
 
 
-_and_also = keyword("and|,|, and|and also|plus|+|as well as|along with|together with|and then|and all")
+_with_its = literal("with|including") + here(
+    lambda reading, at: reading.word(at) in ("its", "his", "her", "their") and reading.word(at + 1) in _CAST
+)
+_and_also = _with_its | keyword("and|,|, and|and also|plus|+|as well as|along with|together with|and then|and all")
 
 
 def _is_same_wish(reading: Reading, at: int) -> bool:

@@ -40,6 +40,14 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
         "'{words}' tells what is not wanted, or how it was; say what is to be done.",
     ),
     (
+        literal("[tone|dial|take|knock|turn] [it|that|them|this] (down|back) [a notch|a bit|a touch|a little|a tad]"),
+        "'{words}' may be a place or an amount; say for example '20 % darker', or 'a bit down'.",
+    ),
+    (
+        literal("[start|resume|continue|unfreeze|release] [it|them|him|her] (again)"),
+        "'{words}' is for what was stopped; say for example 'freeze the dog from second 1 to 2'.",
+    ),
+    (
         keyword("hide|hides|hiding")
         + unless(keyword("everything|anything|all|whatever|what"))
         + silent(known_thing)

@@ -194,7 +194,7 @@ covers: {=cover/fill/occupy/take up/take}|appear|appears|look|looks|seem|seems|m
 high: how high (up)|(to) [what|which|how much] height|how far up|how much height
 rise: {=jump/rise/leap/climb/hop/ascend/lift/bounce/gain/reach/go/fly/get/move/come/lift off/take off}|rose|up|upward|off the
     ground
-go-up: {=leave} the ground|[get|gets] off the ground|airborne|[{=go/move/get/bob}] up [or|and]
+go-up: [{=leave}] the ground|[get|gets] off the ground|airborne|[{=go/move/get/bob}] up [or|and]
     down|{=rise/climb/ascend/leap/lift off/take off}|[{=go/move/get/come/fly/jump}] [up|upward]|rose|gain in height|gain
     height
 by-how-much: (by) how [much|far]
