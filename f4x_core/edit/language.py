@@ -28,7 +28,7 @@ from ..language.grammar import (
     tokenise,
     words_of_label,
 )
-from ..language.idle import EMPTY, UNKNOWN
+from ..language.idle import EMPTY, UNKNOWN, is_strange
 from ..language.lexicon import (
     FUNCTION_WORDS,
     NO_THINGS,
@@ -620,13 +620,11 @@ _ONLY_WHEN = keyword(
 
 def _unknown_word(reading: Reading) -> str:
     """The sentence about the first word that is in no lexicon; nothing when there is none."""
-    parts = {word for words in reading.known for word in words}
-    vocabulary = VOCABULARY | FUNCTION_WORDS | NO_THINGS | EMPTY | COMMAND_VERBS | COLOURS.keys() | SHADES.keys()
+    things = {word for words in reading.known for word in words}
     for at, token in enumerate(reading.tokens):
-        if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
-            word = reading.text_of(at, at + 1)
-            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | parts)
-            return f"I do not understand '{word}'" + (f"; did you mean '{close}'?" if close else ".")
+        if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS):
+            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | things)
+            return f"I do not understand '{reading.text_of(at, at + 1)}'" + (f"; did you mean '{close}'?" if close else ".")
     return ""
 
 

@@ -103,7 +103,7 @@ def test_a_plan_says_how_much_and_is_read_as_itself(sentence, plan):
 
 def test_words_of_an_operation_mean_it():
     described = {describe(operation): operation for phrase in PHRASES for operation in wanted(phrase)}
-    assert len(described) > 250
+    assert len(described) > 150
     for words, operation in described.items():
         others = isinstance(operation, Delete) and isinstance(operation.select, Not)
         if not others or words == "remove the background":  # else an extraction, or "else" needs a sentence before it
