@@ -562,11 +562,11 @@ def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
     """The operation without those that stay as they are."""
     if not operation.ACTS:
         return operation
-    select = getattr(operation, "select", None)
+    select = operation.select
     left_out = [one for one in spared if one not in (select, Not(select)) and Not(one) != select]
     if isinstance(select, Instance):  # "the back one, leave the front one alone"
         left_out = [one for one in left_out if not (isinstance(one, Instance) and one.of == select.of)]
-    if not left_out or select is None:
+    if not left_out:
         return operation
     if operation.left is not None:
         return operation.altered(select=together((select, *left_out)))
@@ -624,7 +624,9 @@ def _unknown_word(reading: Reading) -> str:
     for at, token in enumerate(reading.tokens):
         if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS):
             close = misspelt(token.text, VOCABULARY | COLOURS.keys() | things)
-            return f"I do not understand '{reading.text_of(at, at + 1)}'" + (f"; did you mean '{close}'?" if close else ".")
+            return f"I do not understand '{reading.text_of(at, at + 1)}'" + (
+                f"; did you mean '{close}'?" if close else "."
+            )
     return ""
 
 

@@ -68,7 +68,6 @@ VERBS: dict[str, str] = {
     "rotate": "rotate|spin|revolve|pivot|swivel|twirl|whirl|twist|yaw|gyrate|corkscrew",
     "turn": "swing|crank|turn|flip|reorient|redirect",
     "tilt": "barrel roll|angle|tilt|roll|lean|tip|bank|slant|incline|list|pitch|dutch",
-    "topple": "topple|tip|knock|upend|overturn",
     "face": "face|look|point|head|turn|aim",
     "swap": "change their positions|trade spots|trade|swap|exchange|switch|interchange|change places|trade places|"
     "exchange places|transpose|exchange the places of",
@@ -89,8 +88,6 @@ VERBS: dict[str, str] = {
     "hover|pace|dash|dart|rush|whizz|tumble|prance|canter|scamper|scurry|swoop|paddle|pedal|cycle|drift|spin|turn|swing|"
     "fall|flow|pass|let|put|set|keep|have|replay|be|get",
     "loop": "pingpong|loop|repeat|cycle|replay|boomerang",
-    "last": "squash|spread|condense|cram|take|last|stretch|extend|expand|slow down|compress|squeeze|speed up|shorten|"
-    "retime|lengthen|be|run|prolong|make|get|time remap|elongate|protract|abridge|squish",
     "blur": "anonymize|anonymise|censor|blur|blur out|defocus|unfocus|soften|smudge|unsharpen|smear|fuzz|pixelize|"
     "bokeh|gaussian blur|redact|deidentify",
     "glow": "bloom|glow|shine|light up|shimmer|sparkle|radiate|gleam|glisten|twinkle|glitter|beam|luminesce|"
