@@ -108,11 +108,7 @@ _part_way = either(
     + unless(keyword("around|round"))
     + ~(_through | keyword("point") + ~keyword(f"of the [{PICTURE}]"))
     >> (lambda: HALF_WAY),
-    keyword(
-        f"the (very) middle of the [{PICTURE}]|(the) [midpoint|mid point|midway point] (of the [{PICTURE}])|the [halfway|half way|"
-        f"half] [point|mark] (of the [{PICTURE}])|mid clip|the half|half time|the middle of it|the [{PICTURE}] is [half|halfway] "
-        "[over|through|done]"
-    )
+    keyword(f"the (very) middle of the [{PICTURE}]|(the) [midpoint|mid point]|the [halfway|half way|half] [point|mark]")
     >> (lambda: HALF_WAY),
     fraction + (_through | _of_it | keyword("of the time|through the time|in")) >> (lambda x: TimeExpression(clip=x)),
     percent + (_through | keyword(f"of the [{PICTURE}]")) >> (lambda x: TimeExpression(clip=x)),

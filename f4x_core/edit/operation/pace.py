@@ -196,12 +196,7 @@ class Retime(Retiming):
         slow_motion = say.keyword(
             "(on|in|at|a|into|in a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]"
         )
-        rate = say.phrase(
-            "(,|-) (at|with|in|to|of|down to|like|say|about|around|roughly|maybe) [<fraction>|<percent>] "
-            "((of) (the|its|their|his|her) (original|normal|usual|real|full)) (speed|pace|tempo|rate)"
-        )
         speed = say.either(
-            slow_motion + rate >> retimed,
             say.table(
                 {
                     "(in|at) double time|(in) [fast forward|fast motion]|time lapse|timelapse": 2.0,

@@ -100,12 +100,6 @@ class Style(Dye):
             say.constant(1.0) + say.phrase("[in|into|with] (a|an|the|some) <look> <effect>", **rules),
             say.phrase(f"({say.SEEM}) <strongly> <adjective>", **rules),
         ) >> (lambda strength, look: styled(look, strength))
-        at_night = say.table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False)
-        bare = say.phrase(
-            "((take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the "
-            "(middle of the)|by) <look>",
-            look=at_night,
-        )
         in_scene = say.table(PICTURES | {look: look for look in PICTURE_LOOKS}, reserve=False)
         given = say.either(
             say.phrase("(a|an|the|some) <look> (like|colored) <effect>", **rules),
@@ -115,7 +109,7 @@ class Style(Dye):
             say.phrase(f"(in|with) ({say.REAL}) <look> <effect>", **rules),
             say.phrase("((in|into|to|with) (the|a|an|some|that|this)) <look> (<effect>)", **rules | {"look": in_scene}),
         )  # fmt: skip
-        return say.Said(made=(a_look, bare >> styled), alone=(alone >> styled,), given=(given >> styled,))
+        return say.Said(made=(a_look,), alone=(alone >> styled,), given=(given >> styled,))
 
 
 ADJECTIVES = {
