@@ -293,7 +293,7 @@ _FORMS = _table(
 )
 """Verb -> "-ing" form and participle, where the rules do not give them."""
 _DOUBLED = word_set(
-    "cap peg hop jog snap slip pop zip pin stop drop flip trim scrap chop drag tag dim tip strip swap wrap"
+    "cap peg hop jog lag snap slip pop zip pin stop drop flip trim scrap chop drag tag dim tip strip swap wrap"
 )
 
 
