@@ -10,7 +10,7 @@ from typing import Any
 
 from ..language.amounts import LEAST_PERCENTS, amount, degree, fraction_of, multiple, number, percent
 from ..language.colours import colour
-from ..language.courtesies import ASIDE, CALLS, WISHES
+from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
 from ..language.degrees import Amount
 from ..language.grammar import either, here, keyword, listed, literal, optional, silent, table, unless
 from ..language.lexicon import PICTURE, every_form
@@ -104,6 +104,7 @@ _goes_on = unless(literal("and|but")) + here(lambda reading, at: reading.word(at
 ADDS_NOTHING = either(
     CALLS,
     WISHES,
+    COMMENTS,
     silent(ASIDE),
     literal(f"{_WANTED} (to) ([be|become|get|turn|look|appear|stay|end up|have|been|gone|become])"),
     literal(f"[{_WANTED}] (to) go") + unless(over),  # what has to go is to be gone

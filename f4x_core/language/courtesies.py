@@ -36,6 +36,12 @@ WISHES = literal(
     "grateful] (if)|do me a [favor|favour] and|be so kind (as) to|be a [dear|love] and"
 )
 """Wishes for an edit that do not say which."""
+COMMENTS = literal(
+    "(that|it|this|which|and that) [would|might|could|will|should] (really|surely) [be|look|seem|feel|do|work|read|go] (so much|"
+    "much|way|a lot|even|just|really|very|pretty) [nice|nicer|good|better|best|great|cool|cooler|fun|lovely|perfect|awesome|fine|"
+    "neat|sweet|amazing|well|the trick]|is (much|way) [nicer|better|cooler]"
+)
+"""Opinions on the wish."""
 _because = literal(
     "because|cause|since|as [i|we|it is|they are]|in order to|as [if|though]|so (that) [i|we|you|one|people|everyone|nobody|it|the|"
     "our|my] |like [a|an|in|when|the|they|we|magic]|for [my|our]|for [clarity|effect|emphasis|fun|a change]|for the [client|look|"
