@@ -13,10 +13,10 @@ from ..language.colours import colour
 from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
 from ..language.degrees import Amount
 from ..language.grammar import either, here, keyword, listed, literal, optional, silent, table, unless
-from ..language.lexicon import PICTURE, every_form, word_set
+from ..language.lexicon import PICTURE, every_form
 from ..language.refusal import Mismatch
 from ..language.times import span
-from ..language.verbs import COMMAND_VERBS, IMPERATIVES, any_form
+from ..language.verbs import IMPERATIVES, any_form
 from .change import SHOWN
 from .english import (
     AGAIN,
@@ -129,20 +129,10 @@ ADDS_NOTHING = either(
     ),
     literal("too") + unless(_goes_on),
     literal("both") + unless(silent(two_of_them_behind)),
-    literal("[about|around] (the) [up|vertical] (axis)"),
-    literal(every_form("give|do|perform"))
-    + here(
-        lambda reading, at: any(
-            a in ("a", "an") and {b, c} & COMMAND_VERBS
-            for a, b, c in zip(reading.words[at:], reading.words[at + 1 :], reading.words[at + 2 :], strict=False)
-        )
-    ),
 )
 """Courtesies, and verbs that say no more than that something is done."""
 
 _joined = literal("and|,|, and|but|plus|and also|as well as|+")
-_led = here(lambda reading, at: reading.word(at) in ("at", "in", "with"))
-"""Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _quality = either(
     *(rule for said in SAID for rule in said.given),
     toward
@@ -165,14 +155,7 @@ _nouns = table(
     reserve=False,
 )
 """A quality, and whether the noun is of it or of what it lacks."""
-_BROUGHT = word_set("bring give get put want have bringing giving getting putting")
-_color_brought_back = here(
-    lambda reading, at: (
-        "back" in reading.words[at : at + 2] and {"color", "colors"} & {*reading.words} and _BROUGHT & {*reading.words}
-    )
-)
-"""That is no less of it: "bring back the color"."""
-_way = unless(_color_brought_back) + table(
+_way = table(
     {
         any_form("more")
         + "|add|adds|adding|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|"
@@ -301,7 +284,7 @@ COMMANDS: list[Command] = [
     ),
     *(one for said in SAID for one in said.early),
     command(
-        "make the dog red", as_given, "values", verb=_becoming, values=listed(_quality, _joined | _led), who=whom | about
+        "make the dog red", as_given, "values", verb=_becoming, values=listed(_quality, _joined), who=whom | about
         + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint"),
     ),
     command(

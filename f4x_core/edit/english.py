@@ -25,9 +25,9 @@ from ..language.amounts import (
 from ..language.amounts import percent, signed, softly, steps, stops
 from ..language.colours import colour, colourish, more_colour
 from ..language.degrees import DEGREES, Amount, Distance
-from ..language.grammar import Reading, Rule, constant, either, generated, here, keyword, listed, literal
+from ..language.grammar import Rule, constant, either, here, keyword, literal
 from ..language.grammar import optional, silent, table, unless
-from ..language.lexicon import FUNCTION_WORDS, PICTURE, every_form, word_set
+from ..language.lexicon import PICTURE, every_form, word_set
 from ..language.notation import Notation
 from ..language.refusal import Mismatch, Refusal
 from ..language.times import TimeExpression, duration, span
@@ -269,34 +269,27 @@ _behind = (
     "[it|him|her|itself|the original|the first (one)|the real one|the other (one)|the [one|copy|last|previous] (one) "
     "([before|ahead] (of) (it|that))]"
 )
-_lagging = keyword(
-    "[delay|delayed|lag|lags|lagging|trail|trails|trailing|stagger|staggered|spaced|offset|shift|slip|push|follow|follows|following|"
-    f"chase|chases|chasing|tail|tailing|shadowing|runs|walks|moves] ([behind|after]) ({_behind}|that|them) (back|late|later) "
-    "([by|with|at|on the same path]) (a [delay|lag|distance] of)"
-)
+_lagging = every_form("follow|trail|chase|lag|tail")
 _coming = keyword(
-    "[come|comes|coming|start|starts|starting|run|runs|running|play|plays|moves|move|moving|enter|enters|join|joins|arrive|arrives|"
-    "appear|appears|go|goes|set|sets|begin|begins] (in|on|off|out|with|up) (by|with)"
+    f"(that|to) [{_lagging}|{every_form('come|start|run|play|move|walk|enter|join|arrive|appear|go|set|begin')}|delay|delayed|"
+    f"stagger|staggered|spaced|offset|shift|slip|push] ([behind|after]) ({_behind}|that|them) (in|on|off|out|up|back|late|later) "
+    "([by|with|at|on the same path]) (a [delay|lag|distance] of)|with (a) ([lag|delay|gap] of)"
 )
 _late = keyword(
     f"(too) [later|behind|late|after|delayed|afterward] ([than|from|behind|after] {_behind})|[after|behind] {_behind}|"
-    f"in the future|"
-    "offset (each)|(of) [delay|lag]|apart (each)|(in) between ((each of) [them|each (one)|the copies])|from [each "
-    "other|one another]|"
-    "on its path|along (its|the same) path"
+    "in the future|offset (each)|(of) [delay|lag]|apart (each)|(in) between ((each of) [them|each (one)|the copies])|from [each "
+    "other|one another]|on its path|along (its|the same) path"
 )
 _early = keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
 _following = keyword(
-    f"(that|to) [follow|trail|chase|follows|trails|chases|lags|following|trailing|lagging|chasing] [behind|after] ({_behind})|"
-    f"(that|to) [follow|trail|chase|follows|trails|chases|lags|runs|walks|moves|following|trailing|lagging|chasing|"
-    f"tailing|shadowing] "
-    f"([behind|after]) {_behind}|that [follows|trails|lags]|follow|trail"
+    f"(that|to) [{_lagging}|runs|walks|moves] ([behind|after]) {_behind}|(that|to) [{_lagging}] [behind|after]|that [{_lagging}]|"
+    "follow|trail"
 )
 TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 """Copies of a trail, and the time from one to the next."""
 SHIFT = either(
-    _copies + (_lagging | keyword("with (a) ([lag|delay|gap] of)")) + duration + ~_late,
-    _copies + ~_coming + ~keyword("each (one)") + duration + _late,
+    _copies + _coming + duration + ~_late,
+    _copies + ~keyword("each (one)") + duration + _late,
     _copies + ~_coming + duration + _early >> (lambda length: length.plus(length, -2.0)),
     _copies + keyword("[a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
     ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
@@ -329,7 +322,6 @@ shade_of = ~keyword(
     "grass|lemon|canary|candy|coal|jet|snow|brick|emerald|ruby|ocean|cobalt|rose|bottle|mustard|strawberry|burnt|crimson|cute"
 )
 colored = ~keyword("(in) color|colored|tone") + unless(keyword("tint|filter"))
-colored_noun = literal("color|paint|tint|tinge|touch|shade|hue|tone|glow|light|halo|shimmer|cast|wash|coat|aura|shine")
 effect = keyword(
     "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|vibes|mood|tone|tones|light|coloring|treatment|"
     "feeling|grade"
@@ -361,15 +353,6 @@ toward = ~literal(
     "picture|postcard] (,) (in)|in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|"
     "classic|nice|some|for|but|but in|be of|from"
 )
-_MAX_DESCRIBING = 2
-described = generated(
-    lambda reading, at: (
-        (end, None)
-        for end in range(at + 1, at + _MAX_DESCRIBING + 1)
-        if all(reading.word(i).isalpha() and reading.word(i) not in FUNCTION_WORDS for i in range(at, end))
-    )
-)
-"""Adjectives before the name of a look, which says it all: "old photo sepia"."""
 
 
 def at_most(x: float) -> float:

@@ -14,7 +14,6 @@ from functools import cache, lru_cache
 from typing import Any
 
 from ..errors import F4xError
-from ..language.cast_words import is_cast
 from ..language.colour_names import COLOURS, SHADES
 from ..language.courtesies import WISHES
 from ..language.grammar import (
@@ -29,7 +28,7 @@ from ..language.grammar import (
     tokenise,
     words_of_label,
 )
-from ..language.idle import EMPTY, UNKNOWN
+from ..language.idle import EMPTY, UNKNOWN, is_strange
 from ..language.lexicon import (
     FUNCTION_WORDS,
     NO_THINGS,
@@ -44,7 +43,7 @@ from ..language.lexicon import (
 from ..language.refusal import Doubt, Final, Refusal, Slip
 from ..language.times import HALF_WAY, START, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
-from .change import Change, ChangeWithShadow
+from .change import Change
 from .clauses import OF_ALL, Clauses, Search, arguments
 from .commands import COMMANDS
 from .description import in_words
@@ -52,7 +51,7 @@ from .english import AGAIN, REMARK, TOPIC, Command
 from .phrases import SentenceContext, When, several_placed, together
 from .refusals import NO_EDIT, UNCLEAR, UNSURE, reason_of
 from .request import Request
-from .selects import All, And, Current, Instance, Named, Not, SelectKind, Text, parts_of
+from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
 from .which import removes
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
@@ -560,22 +559,22 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: Se
 
 
 def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
-    """The operation without those that stay as they are, where it is for everything, all others or several of their kind."""
+    """The operation without those that stay as they are."""
     if not operation.ACTS:
         return operation
-    select = getattr(operation, "select", None)
-    cast = [one for one in spared if isinstance(one, Text) and all(map(is_cast, one.labels))]
-    if cast and isinstance(operation, ChangeWithShadow):  # "remove the car but keep its shadow"
-        return operation.altered(select=And((operation.select, Not(together(cast)))))
-    left_out = [one for one in spared if one != select and not (isinstance(select, Not) and select.of == one)]
-    if not left_out or select is None:
+    select = operation.select
+    left_out = [one for one in spared if one not in (select, Not(select)) and Not(one) != select]
+    if isinstance(select, Instance):  # "the back one, leave the front one alone"
+        left_out = [one for one in left_out if not (isinstance(one, Instance) and one.of == select.of)]
+    if not left_out:
         return operation
+    if operation.left is not None:
+        return operation.altered(select=together((select, *left_out)))
     if isinstance(select, All):
         return operation.altered(select=Not(together(left_out)))
     if isinstance(select, Not):
         return operation.altered(select=Not(together((select.of, *left_out))))
-    some = [one for one in left_out if isinstance(one, Instance) and one.of == select]
-    return operation.altered(select=And((select, Not(together(some))))) if some else operation
+    return operation.altered(select=And((select, Not(together(left_out)))))
 
 
 def _placed(operations: Sequence[Change]) -> list[Change]:
@@ -621,13 +620,13 @@ _ONLY_WHEN = keyword(
 
 def _unknown_word(reading: Reading) -> str:
     """The sentence about the first word that is in no lexicon; nothing when there is none."""
-    parts = {word for words in reading.known for word in words}
-    vocabulary = VOCABULARY | FUNCTION_WORDS | NO_THINGS | EMPTY | COMMAND_VERBS | COLOURS.keys() | SHADES.keys()
+    things = {word for words in reading.known for word in words}
     for at, token in enumerate(reading.tokens):
-        if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
-            word = reading.text_of(at, at + 1)
-            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | parts)
-            return f"I do not understand '{word}'" + (f"; did you mean '{close}'?" if close else ".")
+        if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS):
+            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | things)
+            return f"I do not understand '{reading.text_of(at, at + 1)}'" + (
+                f"; did you mean '{close}'?" if close else "."
+            )
     return ""
 
 

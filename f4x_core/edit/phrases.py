@@ -448,7 +448,7 @@ _count = generated(
 _several = silent(_count)
 _article = keyword(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"
-    "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
+    "both (of) the|each of the|every one of the|every single|the [whole|entire]"
 )
 _determiner = _article + ~_several
 
@@ -556,7 +556,7 @@ def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
 
 
 _wearing = ~_article + _things(_wearing_at)
-_say = Notation(globals(), reserve=True)
+_say = Notation(globals(), VOCABULARY)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
 )
@@ -832,9 +832,7 @@ def _both(label: str, context: SentenceContext) -> SelectKind:
 _with_its = literal("with|including") + here(
     lambda reading, at: reading.word(at) in ("its", "his", "her", "their") and reading.word(at + 1) in _CAST
 )
-_and_also = _with_its | keyword(
-    "and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all"
-)
+_and_also = _with_its | keyword("and|,|, and|and also|plus|+|as well as|along with|together with|and then|and all")
 
 
 def _is_same_wish(reading: Reading, at: int) -> bool:
@@ -890,9 +888,6 @@ _EXCEPT = (
     "not including|but (for)|[that|which|who] [is|are] not|save (for)|bar|leaving out|except of|beside from|outside of"
 )
 _the_biggest = keyword("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
-_everywhere_else = keyword(
-    "[everything|anything|all] [else|other] [but|than|except]|all (the) other [things|objects] [than|but|except]"
-)
 untouched = literal(
     "alone|be|as it is|as they are|as is|as it was|untouched|unchanged|the way it is|the way they are|where it is|where they are|"
     "in peace|normal|original|like it is|like it was|in place|out of it|as before|how it is|in (full|its) (original|normal) "
@@ -910,7 +905,8 @@ _spared_after = (
     keyword("'s (own) [color|colors]") | untouched | keyword(f"out|there|behind|in [the|this] [{PICTURE}|plate]")
 )
 _besides = _say(
-    "(,) [<except> [<_union>|<_the_biggest>]|<_union> [excepted|aside|excluded|exempted|not included|left out|being left out]]",
+    "(,) [<except> [<_union>|<_the_biggest>]|, not <_union>|<_union> [excepted|aside|excluded|exempted|not "
+    "included|left out|being left out]]",
     **{"except": keyword(_EXCEPT)},
 )
 _over = here(
@@ -923,7 +919,7 @@ spares = _say(
 )
 """Whom a command for everything or several leaves as they are, said in a clause of its own: "but keep the dog"."""
 everything_but = _say(
-    "<_everywhere_else> <_union>|[<_everything>|<.everything_else>] <_in_scene> [<_besides>|<spares>|not "
+    "[<_everything>|<.everything_else>] <_in_scene> [<_besides>|<spares>|not "
     "<_union>]|[what|whatever|all that|anything that] is not <_union>"
 )
 """Rule of the thing spared in "everything except the dog": a `Who`."""

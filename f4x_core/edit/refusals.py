@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..language.amounts import number
-from ..language.colour_names import COLOURS
-from ..language.colours import PURE_COLOURS
-from ..language.grammar import Reading, Rule, either, here, keyword, literal, silent, unless, word_if
-from ..language.lexicon import PICTURE, singular
+from ..language.grammar import Reading, Rule, here, keyword, literal, silent, unless
+from ..language.lexicon import PICTURE
 from ..language.times import duration, span
-from ..language.verbs import IMPERATIVES
 from .commands import QUALITIES
-from .english import colored_noun, effect
-from .phrases import familiar, known_noun, known_thing
+from .phrases import known_noun, known_thing
 
 UNDO = "That may be an undoing: use `f4x undo SCENE`, or the button for it, or say what is to be removed."
 _NEW = "Nothing new can be made; copies can, as in 'add another dog', and looks, as in 'make the dog look like ice'."
@@ -26,34 +22,22 @@ _will = here(lambda reading, at: not {"will", "might", "could", "may"}.isdisjoin
 _begin = here(lambda reading, at: at == 0 or not reading.word(at - 1).isalpha())
 _comparatives = literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES))
 _plain = literal("|".join(f"{one.much}|{one.little}" for one in QUALITIES))
-_named_like_a_thing = word_if(lambda reading, at: reading.word(at) in COLOURS.keys() - PURE_COLOURS)
-_no_shadow = here(lambda reading, at: singular(reading.word(at - 1)) not in ("shadow", "reflection"))
-_changing = here(
-    lambda reading, at: (
-        reading.word(at - 1)
-        in IMPERATIVES - {"add", "put", "want", "need", "have", "get", "give", "show", "see", "like"}
-    )
-)
-
-_LAMPS = literal("lamp|light|lights|lantern|candle|headlights|sign|screen|tv")
 
 UNSURE: tuple[tuple[Rule, str], ...] = (
     (
         _begin
-        + literal(
-            "[scratch|strike|scrap|drop|forget|cancel|kill|lose|axe|ditch|discard|ignore|revoke] (about) "
-            "[it|that|this] (all|one|again)|never mind (that|it)|nevermind|not [that|it] (one)|leave it|"
-            "[rather|better] not|[just] kidding|take it back|[restore|reset|redo] (everything|all|it|the original)|[undo|revert] "
-            "[everything|all|the original]|redo|start over|[put|bring|turn] [it|that|this|"
-            "them|everything] back (to how it was|how it was|as it was) (again)|step back|go (one|two|three|"
-            "a) [step|steps] back|go back ([one|two|three|a|some] [step|steps|edits])|[scratch|cancel|"
-            "delete|remove|reverse] (my|the|that) [last|previous] ([two|three|few]) [edit|edits|change|"
-            "changes|step|steps|command|one|thing]"
-        )
+        + literal("[scrap|kill|lose|axe|ditch|discard|ignore] [it|that|this] (all|one|again)|take it back|restore [everything|all]")
         + _end
-        | literal("[deleted|removed]") + silent(known_noun)
-        | literal("[ctrl|control|cmd|command] (+|-) z"),
+        | literal("[deleted|removed]") + silent(known_noun),
         UNDO,
+    ),
+    (
+        keyword("mute") + silent(known_thing) + _end,
+        "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
+    ),
+    (
+        literal("used to [be|have|look|stand|move]") | literal("[i am|we are] afraid|i fear") + _will,
+        "'{words}' tells what is not wanted, or how it was; say what is to be done.",
     ),
     (
         literal("[tone|dial|take|knock|turn] [it|that|them|this] (down|back) [a notch|a bit|a touch|a little|a tad]"),
@@ -64,58 +48,6 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
         "'{words}' is for what was stopped; say for example 'freeze the dog from second 1 to 2'.",
     ),
     (
-        keyword("[mute|silence|unmute]") + silent(known_thing) + _end,
-        "A scene has no sound; say for example 'desaturate the car' if its colors are meant.",
-    ),
-    (
-        literal(
-            "[hate|refuse|decline|object|hesitate|afraid|forbidden|prohibited|allowed] to|refrain from|[hate|wrong|"
-            "mistake|shame|pity|crime|sin|foolish|idea] [to|if|that]|hate it [if|when]|[avoid|against] "
-            "[removing|hiding|deleting|changing|making|touching|painting|moving]|doubt [that|if|whether]|"
-            "hardly [anyone|anybody]|[nobody|no one|none of us] [wants|asked|would want]|nothing should|"
-            "neither|would not want|would never want|could not want|not an option|keep [me|you|us] from|last "
-            "thing (that) [i|we]|god forbid|used to [be|have|look|stand|move]"
-        )
-        | literal("[i am|we are] afraid|i fear") + _will,
-        "'{words}' tells what is not wanted, or how it was; say what is to be done.",
-    ),
-    (
-        literal("cut|cuts|mask|key|lift|take|roto|pull")
-        + silent(known_thing)
-        + ~literal("out|off|away|for me")
-        + literal("so (that) [i|we] can|to comp|for (the) comp"),
-        "That may mean to keep it or to drop it; say 'keep only the dog' or 'remove the dog'.",
-    ),
-    (
-        (literal("as") + _plain + literal("as") | (_comparatives | literal("more|less") + _plain) + literal("than"))
-        + (~literal("the|a|an|my|that|this") + silent(known_noun) | literal("the|a|an|my") + word_if(lambda *_: True)),
-        "Things are not measured against one another; say how much it is to be, for example 'twice as big' or '20 % brighter'.",
-    ),
-    (
-        literal("[around|about|on|along|in] (the|its) [x|y|pitch] (axis)|[tilt|tip|lean] (it|the) [forward|backward|back]"),
-        "Which way an axis points or forward is for a thing is not known; say 'to the left' or 'to the right'.",
-    ),
-    (
-        word_if(lambda reading, at: reading.word(at)[-1:] == "s" and reading.word(at)[:-1] in PURE_COLOURS - {"black", "white"}),
-        "The colors of one kind are not changed alone; say for example 'make the dog less red'.",
-    ),
-    (
-        silent(number | keyword("half a")) + literal("m|cm|mm|ft|meter|meters|centimeters|inch|inches|foot|feet|yard|yards"),
-        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example "
-        "'two widths to the left' or 'half its width up'.",
-    ),
-    (
-        keyword("[add|insert|create|draw|put] (a|an|some)")
-        + (literal("ice|fire|lava|night|sunset|autumn|grass|ocean|chocolate|marble|ghost") | _named_like_a_thing)
-        + unless(effect | colored_noun)
-        | literal("[put|place|stick|hang|add] [a|an|some]") + silent(familiar) + literal("on|onto")
-        | literal("[add|insert|create|spawn|place|grow|plant|build] [a|an|some] (bigger|larger|smaller|taller|big|small|tiny|huge)")
-        + silent(familiar)
-        + unless(literal("copy|clone"))
-        + literal("on|in|to|next to|behind|beside"),
-        _NEW,
-    ),
-    (
         keyword("hide|hides|hiding")
         + unless(keyword("everything|anything|all|whatever|what"))
         + silent(known_thing)
@@ -123,40 +55,26 @@ UNSURE: tuple[tuple[Rule, str], ...] = (
         "'Hide' may mean to place or to make invisible; say 'put the dog behind the bush' or 'make the dog invisible'.",
     ),
     (
-        literal("drop|drops|dropping|clear|cut|cutting|scratch|strike|dump|break|smash|burn|shoot|tear|rip")
-        + silent(familiar | ~keyword("a|the|that|this|my") + familiar)
-        + _no_shadow
-        + unless(literal("'s|out|away|off|from|loose|free|apart|down|entirely|completely|altogether"))
-        | keyword("[clear|empty|clean|strip] (out|up) (the|my|this|that)")
-        + literal("room|bedroom|street|road|table|desk|floor|stage|yard|garden|beach|field|house|scene|place|set|shelf|track"),
-        "That may mean to remove or to do something else; say 'remove' with what has to go.",
+        literal("[fly|flies|flying] [off|away]") + unless(silent(known_thing)),
+        "That may mean to move or to be gone; say 'move the bird away' or 'remove the bird'.",
     ),
     (
-        literal("[take|takes|taking] off|[fly|flies|flying] [off|away]") + unless(silent(known_thing))
-        | keyword("put") + silent(known_thing | literal("it|him|her|them|that")) + keyword("away") + _end,
-        "That may mean to move, to go away or to be gone; say 'raise the bird', 'move the bird away' or 'remove the bird'.",
-    ),
-    (
-        (
-            literal("[turn|switch|kill|cut] (off) (the|all the|that|this)") + _LAMPS + ~literal("off")
-            | ~literal("turn|switch") + _LAMPS + literal("off")
-        )
-        + _end,
+        literal("turn off (the|all the|that|this) [lamp|lamps|light|lights|lantern|candle|headlights|sign|screen|tv]") + _end,
         "That may mean dark or gone; say 'make the lamp darker' or 'hide the lamp'.",
-    ),
-    (either(keyword("either"), silent(familiar) + keyword("or (the|a|an)") + silent(familiar)),
-     "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
-    (
-        keyword("some [of|other]|a few (of)")
-        | here(lambda reading, at: reading.word(at - 1) not in ("without", "no", "not")) + keyword("any of")
-        | _changing + silent(number) + literal("of [the|these|those|my|them]")
-        | keyword("couple of") + ~literal("the|my|these|those") + silent(known_noun),
-        _WHOLE,
     ),
 )  # fmt: skip
 """Questions that are asked even where a sentence could be carried out."""
 _length = silent(span | duration | literal("half"))
 NO_EDIT: tuple[tuple[Rule, str], ...] = (
+    (
+        silent(number | keyword("half a")) + literal("m|cm|mm|ft|meter|meters|centimeters|inch|inches|foot|feet|yard|yards"),
+        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example "
+        "'two widths to the left' or 'half its width up'.",
+    ),
+    (
+        literal("as") + _plain + literal("as") | (_comparatives | literal("more|less") + _plain) + literal("than"),
+        "Things are not measured against one another; say how much it is to be, for example 'twice as big' or '20 % brighter'.",
+    ),
     (literal("undo|undid|redo|revert|restore|scrap|scratch|nvm|never mind|back|how it was|the way it was"), UNDO),
     (
         literal(

@@ -50,7 +50,7 @@ from .selects import (
 )
 from .splat_rows import SplatRows
 from .stack import of
-from .which import asked_about, which_of
+from .which import asked_about, frame_of_most, which_of
 
 __all__ = ["Absent", "EditorState", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
 
@@ -154,13 +154,16 @@ class Resolver:
             self._hidden_too = False
             for select in asked_about(operation):
                 rows = rows_of(scene, self._resolve_node(scene, select, False))
-                many = self._count(scene, rows)
-                if many > 1:
-                    raise which_of(operations, select, many, scene.cameras.frame_at(self.context.frame))
+                if (many := self._count(scene, rows)) > 1:
+                    frame = self._frame_of_most(scene, rows)
+                    raise which_of(operations, select, many, None if frame == round(self.context.frame) else frame)
 
     def _count(self, scene: Scene, rows: np.ndarray) -> int:
         """Number of separate things that the Gaussians `rows` make up."""
         return int(self._separate(scene, rows).max()) + 1 if len(rows) else 0
+
+    def _frame_of_most(self, scene: Scene, rows: np.ndarray) -> int:
+        return frame_of_most(scene, rows, self._separate(scene, rows), round(self.context.frame))
 
     def _separate(self, scene: Scene, rows: np.ndarray) -> np.ndarray:
         """`separate_objects` of the Gaussians `rows (n,)` at the context's frame; people are known, and a backdrop is one."""
@@ -196,6 +199,9 @@ class Resolver:
         return self._resolved[select]
 
     def _with_description(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
+        if isinstance(select, Instance) and isinstance(select.of, Text) and select.frame == round(self.context.frame):
+            rows = rows_of(scene, self._cached(scene, select.of, tidy))
+            select = replace(select, frame=self._frame_of_most(scene, rows)) if len(rows) else select
         found = self._resolve_node(scene, select, tidy)
         if isinstance(found, Ids) and found is not select:
             words = whom(select)

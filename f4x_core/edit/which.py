@@ -5,20 +5,27 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..errors import F4xError
-from ..language.cast_words import is_cast
+from ..geometry.arrays import evenly_spaced
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from .change import Change
 from .description import in_words
 from .records import mapped
 from .selects import And, Beside, Instance, Not, Or, Part, SelectKind, Text, parts_of
 
+if TYPE_CHECKING:
+    from ..scene import Scene
+
 PLACES = {2: ("left", "right"), 3: ("left", "middle", "right")}
 """Number of things -> the places that tell them apart."""
 MANY = ("left", "right", "nearest", "largest")
 """Places offered where there are more."""
+FRAMES = 24
+"""Frames, evenly over the clip, in which things are looked for that the present one does not show."""
 
 
 class Several(F4xError):  # noqa: N818  # nothing went wrong
@@ -55,10 +62,8 @@ def _certain(select: SelectKind) -> Iterator[SelectKind]:
             if label.split()[-1] not in UNCOUNTED
         )
     elif isinstance(select, And) and any(isinstance(part, Text) and part.single for part in select.of):
-        if all(
-            _is_shadow(part.of) for part in select.of if isinstance(part, Not)
-        ):  # "the car but not its shadow" is a car
-            things = tuple(part for part in select.of if not isinstance(part, Not))
+        things = tuple(part for part in select.of if not (isinstance(part, Not) and _is_words(part.of)))
+        if all(not isinstance(part, Not) for part in things):  # "the car but not its shadow" is a car
             yield from _certain(things[0]) if len(things) == 1 else (And(things),)
     elif isinstance(select, Or | And):
         for part in select.of:
@@ -69,12 +74,9 @@ def _certain(select: SelectKind) -> Iterator[SelectKind]:
         yield from _certain(select.other)
 
 
-def _is_shadow(select: SelectKind) -> bool:
-    """Return True if a selection is of words for shadows and the like alone."""
-    parts = list(parts_of(select))
-    return all(isinstance(part, Or | Text) for part in parts) and all(
-        is_cast(label) for part in parts if isinstance(part, Text) for label in part.labels
-    )
+def _is_words(select: SelectKind) -> bool:
+    """Return True if a selection is of words alone."""
+    return all(isinstance(part, Or | Text) for part in parts_of(select))
 
 
 def _beside_in(select: SelectKind) -> Iterator[SelectKind]:
@@ -86,16 +88,40 @@ def _beside_in(select: SelectKind) -> Iterator[SelectKind]:
         yield from _beside_in(part)
 
 
-def which_of(operations: Sequence[Change], select: SelectKind, many: int, frame: int) -> Several:
-    """The question which of `many` things of a kind is meant, with a command for each and one for all."""
+def frame_of_most(scene: Scene, rows: np.ndarray, owner: np.ndarray, present: int) -> int:
+    """Return the clip frame, the present one or the nearest of some, in which most of several things are in the picture.
+
+    `owner (n,)`: number of the thing that each of the Gaussians `rows (n,)` belongs to.
+    """
+    things = owner.max() + 1
+
+    def seen(time: float) -> int:
+        means, camera = scene.posed(time).means[rows], scene.cameras.at(time)
+        pixels, depth = camera.project(np.stack([np.median(means[owner == n], 0) for n in range(things)]))
+        inside = (pixels >= 0) & (pixels < (camera.width, camera.height))
+        return int((inside.all(1) & (depth > 0)).sum())
+
+    if seen(present) == things:
+        return present
+    times = scene.cameras.times[evenly_spaced(len(scene.cameras), FRAMES)]
+    return max([present, *sorted(map(round, times.tolist()), key=lambda time: abs(time - present))], key=seen)
+
+
+def which_of(operations: Sequence[Change], select: SelectKind, many: int, frame: int | None) -> Several:
+    """Return the question which of `many` things of a kind is meant, with a command for each and one for all.
+
+    `frame`: the one through which their places are seen; None for the present one, which is not named.
+    """
     text = next(part for part in (select, *getattr(select, "of", ())) if isinstance(part, Text))
     noun = plural_of(singular(text.labels[0]))
     places = PLACES.get(many, MANY)
-    meant: list[SelectKind] = [Instance(Text(text.labels), place, frame) for place in places]  # type: ignore[arg-type]
+    meant: list[SelectKind] = [Instance(Text(text.labels), place, frame or 0) for place in places]  # type: ignore[arg-type]
     commands = [_with(operations, text, one) for one in meant]
     every = f"{'both' if many == 2 else 'all the'} {noun}"
     commands.append([re.sub(rf"\bthe {re.escape(text.labels[0])}\b", every, line) for line in _lines(operations)])
-    offered = tuple(re.sub(r" of frame \d+", "", "; ".join(lines)) for lines in commands)
+    offered = tuple("; ".join(lines) for lines in commands)
+    if frame is None:
+        offered = tuple(re.sub(r" of frame \d+", "", command) for command in offered)
     return Several(f"There are {many} {noun} in the scene, and it is not said which one is meant.", offered)
 
 

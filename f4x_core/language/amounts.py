@@ -13,7 +13,6 @@ from .grammar import (
     Rule,
     either,
     generated,
-    here,
     keyword,
     listed,
     literal,
@@ -22,7 +21,7 @@ from .grammar import (
     unless,
     word_if,
 )
-from .lexicon import FRACTIONS, ONES, PICTURE, PLACES, TENS, word_set
+from .lexicon import FRACTIONS, ONES, PICTURE, TENS, word_set
 from .refusal import Mismatch
 
 _MANY = {"hundred": 100.0, "dozen": 12.0}
@@ -144,9 +143,6 @@ _hedge = ~keyword(",") + ~literal(
 _counting = literal(
     "frame|frames|f|second|seconds|s|degrees|degree|x|times|units|unit|width|widths|stop|stops|%|percent|to|-|th"
 )
-_notches = number + literal("shade|shades|notch|notches|step|steps|click|clicks|tick|ticks|tone|tones") >> (
-    lambda x: Amount("times", round(DEGREES["small"].factors[0] ** x, PLACES))
-)
 
 
 def _as_percents(x: float) -> Amount:
@@ -159,7 +155,6 @@ def _as_percents(x: float) -> Amount:
 percents = number >> _as_percents
 amount = either(
     degree,
-    ~keyword("by") + _hedge + _notches,
     _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
     ~keyword("by") + _hedge + stops,
     ~keyword("by") + _hedge + percent >> (lambda x: Amount("fraction", x)),
@@ -184,17 +179,11 @@ def comparison(
     """What is `changed` by how much and whether more: "a bit bigger", "smaller by a third", "twice as big", "less big"."""
     compared = table({comparatives: True, lesser: False})
     plain = table({positives: True, opposites: False})
-    not_so = literal("not (quite|really|nearly) [so|as|that|too|overly|quite so] (very|much)") + plain
-    as_now = literal(
-        f"as (it|they|he|she|that|this) ({_IS}) (right) [{_NOW}]|as (it|they|he|she|that|this) [{_IS}]|as the original"
-    )
     more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
-    so = keyword("(just|about) [as|so]") + plain + ~as_now
+    so = keyword("(just|about) [as|so]") + plain
     more = more + ~THAN_OTHERS
     return either(
         optional(amount) + more >> changed,
-        ~literal("a (little|wee|tiny) bit|a little|slightly|somewhat|if possible|please") + not_so
-        >> (lambda upward: changed(None, not upward)),
         more
         + ~literal(",|-|(|:|of")
         + (amount | ~keyword("by") + _hedge + percents + unless(_counting))
@@ -203,7 +192,6 @@ def comparison(
         _hedge + (multiple | percent) + so >> (lambda x, upward: changed(Amount("as", x), upward)),
         fraction + (so + keyword("again") | keyword("again") + so)
         >> (lambda x, upward: changed(Amount("as", 1 + x), upward)),
-        so + keyword("again") >> (lambda upward: changed(Amount("as", 2.0), upward)),
     )
 
 
@@ -212,13 +200,6 @@ ITS = "[its|their|his|her|the] (own) (original|current|present|usual|former|norm
 
 BEFORE_VERBS = word_set("and , . ; ! then please to") | {""}
 """Words behind which a verb stands that a command begins with; nothing: it is the first."""
-_is_more = here(
-    lambda reading, at: (
-        reading.word(at - 1) in ("add", "adds", "adding")
-        or (reading.word(at) in ("double", "triple", "quadruple") and reading.word(at - 1) in BEFORE_VERBS)
-    )
-)
-"""Behind a verb, or a verb itself: "add 20 % brightness", "double the brightness"."""
 
 
 def fraction_of(quality: str) -> Rule:
@@ -226,7 +207,7 @@ def fraction_of(quality: str) -> Rule:
     noun = ~keyword("of") + ~keyword(ITS) + literal(quality) + ~literal(f"[it|he|she|they] [{_IS}] (right) ({_NOW})")
     decimal = number + keyword("of") + ~keyword(ITS) + literal(quality)
     share = either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0}))
-    return decimal | unless(_is_more) + share + noun
+    return decimal | share + noun
 
 
 # Which way -----------------------------------------------------------------------------------------------------------

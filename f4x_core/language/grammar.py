@@ -288,13 +288,14 @@ NAMES_TOO: set[str] = set()
 """Words of the grammar that may be names of things as well."""
 
 
-def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str] | None = None) -> Rule:
+def table(entries: Mapping[str, Any], *, reserve: bool = True, vocabulary: set[str] | None = None) -> Rule:
     """The value of the phrase that stands there, longer ones preferred.
 
     A key holds alternatives with `|`; of `[some|words]` one stands there, of `(some|words)` one or none. `reserve`: its words are
-    no names of things. `words_of`: the vocabulary of a language of its own, which its words go to instead.
+    no names of things; `vocabulary`: where they go to, else `VOCABULARY` or `NAMES_TOO`.
     """
-    vocabulary = words_of if words_of is not None else VOCABULARY if reserve else NAMES_TOO
+    if vocabulary is None:
+        vocabulary = VOCABULARY if reserve else NAMES_TOO
     for spec in entries:
         vocabulary.update(_WORD.findall(spec))
     rows = _Table(entries)

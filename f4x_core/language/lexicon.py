@@ -293,7 +293,7 @@ _FORMS = _table(
 )
 """Verb -> "-ing" form and participle, where the rules do not give them."""
 _DOUBLED = word_set(
-    "cap peg hop jog snap slip pop zip pin stop drop flip trim scrap chop drag tag dim tip strip swap wrap"
+    "cap peg hop jog lag snap slip pop zip pin stop drop flip trim scrap chop drag tag dim tip strip swap wrap"
 )
 
 
@@ -349,7 +349,7 @@ NO_THINGS = word_set(
     "saturation contrast job world universe internet something nothing anything nobody somebody someone anyone everyone everybody "
     "everything way lot bit kind sort fun problem idea question answer life love nonsense stuff overall volume weather mood heat "
     "temperature day morning evening night afternoon pirouette somersault backflip frontflip cartwheel handstand headstand "
-    "moonwalk curtsy"
+    "moonwalk curtsy empty"
 )
 """Nouns that name nothing one can see in a scene."""
 FUNCTION_WORDS = word_set(

@@ -8,7 +8,7 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-from .grammar import Rule, alternatives, either, optional, silent, split, table, unless
+from .grammar import NAMES_TOO, Rule, alternatives, either, optional, silent, split, table, unless
 from .lexicon import every_form
 from .verbs import any_form, asked_form
 
@@ -25,9 +25,9 @@ class Notation:
     `{!take}`: those that ask for it.
     """
 
-    def __init__(self, names: Mapping[str, Any], reserve: bool = False):
-        """`names`: the rules by name; `reserve`: words are no names of things, as in `table`."""
-        self.names, self.reserve = names, reserve
+    def __init__(self, names: Mapping[str, Any], vocabulary: set[str] = NAMES_TOO):
+        """`names`: the rules by name; `vocabulary`: the words, as in `table`."""
+        self.names, self.vocabulary = names, vocabulary
 
     def __call__(self, spec: str | Rule, **rules: Rule) -> Rule:
         """The rule of a phrase, which has the values of the rules that it names, `rules` before those of the module."""
@@ -40,7 +40,7 @@ class Notation:
         return made[0] if len(made) == 1 else either(*made)
 
     def _words(self, spec: str) -> Rule:
-        return table({spec: None}, reserve=self.reserve)
+        return table({spec: None}, vocabulary=self.vocabulary)
 
     def _sequence(self, spec: str, rules: Mapping[str, Rule]) -> Rule:
         """The rule of parts with spaces between."""

@@ -108,11 +108,7 @@ _part_way = either(
     + unless(keyword("around|round"))
     + ~(_through | keyword("point") + ~keyword(f"of the [{PICTURE}]"))
     >> (lambda: HALF_WAY),
-    keyword(
-        f"the (very) middle of the [{PICTURE}]|(the) [midpoint|mid point|midway point] (of the [{PICTURE}])|the [halfway|half way|"
-        f"half] [point|mark] (of the [{PICTURE}])|mid clip|the half|half time|the middle of it|the [{PICTURE}] is [half|halfway] "
-        "[over|through|done]"
-    )
+    keyword(f"the (very) middle of the [{PICTURE}]|(the) [midpoint|mid point]|the [halfway|half way|half] [point|mark]")
     >> (lambda: HALF_WAY),
     fraction + (_through | _of_it | keyword("of the time|through the time|in")) >> (lambda x: TimeExpression(clip=x)),
     percent + (_through | keyword(f"of the [{PICTURE}]")) >> (lambda x: TimeExpression(clip=x)),
@@ -125,13 +121,10 @@ _measured = either(
     ~keyword("the") + number + _unit + ~keyword(f"in|into (the) [{PICTURE}]|into it|mark|point") >> _times,
     table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times,
 )
-_nth = either(
-    number + keyword("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
-    table({word: float(n) for n, word in enumerate(ORDINALS, 1)}),
-)
 _numbered = ~keyword("the") + number + keyword("(th|st|nd|rd|the) frame|th|st|nd|rd") >> (
     lambda x: TimeExpression(frames=x)
 )
+_nth = table({f"the {word} second": float(n) for n, word in enumerate(ORDINALS)})
 _hedge = ~literal(
     "like|say|maybe|about|around|roughly|approximately|circa|exactly|precisely|right|just|shortly|some|somewhere around"
 )
@@ -174,8 +167,6 @@ _since_then = either(
     + (keyword("the first") + _share | _share + keyword("(of) the (whole) [" + PICTURE + "|time]") + ~_passed)
     >> (lambda x: TimeExpression(clip=x)),
     _since + keyword("the (very) [first|opening]") + _length + ~_goes_on >> START.plus,
-    keyword("[once|after|when|as soon as] (the first)") + _length + _passed,
-    keyword("wait (for)") + duration + keyword("(,|.) [(and) then|before|and]") >> START.plus,
     (_measured | _counted) + _goes_on,
 )
 _just_then = (
@@ -198,7 +189,6 @@ _just_then = (
 _begin = _since_then | _just_then
 _for = keyword("for|lasting|over|within|during|over the course of|over a period of|taking|spanning") + _hedge + duration
 _during = ~keyword("for|in|during|over|within|throughout|across")
-_mid = keyword(f"in the (very) middle (of the [{PICTURE}])")
 _comma = ~keyword(",")
 
 
@@ -225,42 +215,34 @@ span = either(
     + _hedge
     + (moment | _middle_point)
     >> Span,
-    keyword("for the [rest|remainder]") + ~_of_it + _begin >> (lambda start: Span(start, None, "from")),
-    either(_mid + _comma + _for, _for + _comma + _mid) >> _about_middle,
     _during + keyword("the [middle|central]") + (_share >> (lambda x: TimeExpression(clip=x)) | _length)
     >> _about_middle,
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
     ~keyword("from (the) [start|beginning]") + _until + _hedge + (moment | _middle_point)
     >> (lambda end: Span(START, end)),
-    _until + ~keyword("the first") + _length + _passed >> (lambda length: Span(START, length)),
     keyword(_TO_THE_END) >> (lambda: Span(START, END)),
     keyword("(for|over|in|during|within) the next") + _length >> (lambda length: Span(NOW, NOW.plus(length))),
-    keyword("for the [rest|remainder]") + ~_of_it >> (lambda: Span(NOW, None, "from")),
     keyword("by") + (_numbered | _counted | keyword("the (very) end") + ~_of_it >> (lambda: END))
     >> (lambda end: Span(START, end, "by")),
-    keyword("[before|until] the") + _nth + keyword("second") >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
     ~keyword("only|just") + _just_then + keyword("only|alone") >> _only_then,
     keyword("only|just") + _just_then >> _only_then,
     _during + keyword("(the) [first|opening]") + _share >> (lambda x: Span(START, TimeExpression(clip=x))),
     _during + keyword("(the) [last|final|closing]") + _share >> (lambda x: Span(TimeExpression(clip=1 - x), None)),
     _during + keyword("(the) [second|latter|later|other|2nd] half") + ~_of_it >> (lambda: Span(HALF_WAY, None)),
-    _during + keyword("the") + _nth + keyword("second")
-    >> (lambda n: Span(TimeExpression(seconds=n - 1), TimeExpression(seconds=n))),
     keyword(
         "[toward|near|close to|just before] the (very) end|near (the) end|(in|for) the [last|final] [bit|part|moments]"
     )
     >> (lambda: Span(END, None, "moment")),
     keyword(f"near the (very) [beginning|start]|[as|when|once] the [{PICTURE}] [begins|starts|opens]")
     >> (lambda: Span(START, None, "moment")),
-    keyword(f"[as|when] the [{PICTURE}] [ends|is ending|is over|stops]") >> (lambda: Span(END, None, "moment")),
     keyword(
         f"[over|in|during|through] the [course|duration|length] of the (whole|entire) [{PICTURE}]|as the [{PICTURE}] [goes "
         f"on|progresses|plays|runs]|over the (whole|entire|full) [{PICTURE}]"
     )
     >> (lambda: Span(START, None)),
-    keyword("[from|since] the") + _nth + keyword("second") + ~_goes_on
-    >> (lambda n: Span(TimeExpression(seconds=n - 1), None, "from")),
+    _during + _nth >> (lambda n: Span(TimeExpression(seconds=n), TimeExpression(seconds=n + 1))),
+    keyword("[from|since]") + _nth + ~_goes_on >> (lambda n: Span(TimeExpression(seconds=n), None, "from")),
     keyword("in|within") + duration >> (lambda length: Span(NOW, NOW.plus(length), "in")),
     _since_then >> (lambda start: Span(start, None, "from")),
     _just_then >> (lambda start: Span(start, None, "moment")),

@@ -42,13 +42,13 @@ VERBS: dict[str, str] = {
     "cool": "cool|chill",
     "scale": "scale|resize|rescale|size",
     "delete": "cull|prune|eradicate|efface|terminate|extinguish|scrub|expunge|excise|eject|oust|obliterate|annihilate|"
-    "remove from|shoo|despawn|exorcise|get shot of|remove|delete|erase|rm|del|yeet|nix|evict|vaporize|get rid of|eliminate|"
-    "drop|lose|discard|scrap|trash|dump|ditch|clear|banish|scratch|kill|cut|purge|take out|throw away|take away|paint out|"
-    "crop out|strip out|clear away|zap|nuke|yank|axe|bin|chuck|destroy|exclude|omit|strike|toss|expel|thanos snap|poof|"
-    "unalive|deport|exile|inpaint|demolish|dismantle|disintegrate|decommission",
-    "take": "clone stamp|clone|stamp|heal|patch|paint|brush|airbrush|retouch|photoshop|comp|matte|take|cut|throw|wipe|"
-    "rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull",
-    "hide": "stash|despawn|hide|conceal|mask|vanish|disappear|not show|turn off|cloak|veil|obscure|unshow|"
+    "remove from|shoo|despawn|exorcise|get shot of|remove|delete|erase|rm|del|yeet|nix|evict|vaporize|get rid of|"
+    "eliminate|lose|discard|scrap|trash|ditch|banish|kill|purge|take out|throw away|take away|paint out|crop out|"
+    "strip out|clear away|zap|nuke|yank|axe|bin|chuck|destroy|exclude|omit|toss|expel|thanos snap|poof|unalive|deport|"
+    "exile|inpaint|demolish|dismantle|disintegrate|decommission",
+    "take": "clone stamp|clone|stamp|heal|patch|paint|brush|airbrush|retouch|photoshop|comp|matte|take|cut|throw|wipe|rub|"
+    "edit|crop|get|kick|chuck|leave|mask|erase|delete|remove|chop|pull|drop",
+    "hide": "stash|despawn|hide|conceal|vanish|disappear|not show|turn off|cloak|veil|obscure|unshow|"
     "make disappear|suppress|camouflage|toggle off|disable|deactivate|shroud|eclipse",
     "show": "show|reveal|unhide|enable|reshow|restore|uncover|unmask|unveil|reappear|unghost|reinstate|resurrect|revive",
     "appear": "introduce|fade in|fade up|ease in|appear|emerge|materialize|show up|come in|arise|respawn",
@@ -64,11 +64,10 @@ VERBS: dict[str, str] = {
     "fling|kick|yank|plop|scroll|pan|rest|belong|climb|crawl|creep|shimmy|lob|hurl|sling|plonk|plunk|wheel|ferry|tote|"
     "wiggle|jiggle|rearrange|reseat|rehome|resettle|repark|stow|situate|locate|deploy|dock|moor",
     "raise": "raise|lift|float|elevate|hoist|rise|levitate|ascend|soar|float up|hover|bring up|loft|fly up",
-    "lower": "lower|sink|drop|descend|bring down|duck",
+    "lower": "lower|sink|descend|bring down|duck",
     "rotate": "rotate|spin|revolve|pivot|swivel|twirl|whirl|twist|yaw|gyrate|corkscrew",
     "turn": "swing|crank|turn|flip|reorient|redirect",
     "tilt": "barrel roll|angle|tilt|roll|lean|tip|bank|slant|incline|list|pitch|dutch",
-    "topple": "topple|tip|knock|upend|overturn",
     "face": "face|look|point|head|turn|aim",
     "swap": "change their positions|trade spots|trade|swap|exchange|switch|interchange|change places|trade places|"
     "exchange places|transpose|exchange the places of",
@@ -89,8 +88,6 @@ VERBS: dict[str, str] = {
     "hover|pace|dash|dart|rush|whizz|tumble|prance|canter|scamper|scurry|swoop|paddle|pedal|cycle|drift|spin|turn|swing|"
     "fall|flow|pass|let|put|set|keep|have|replay|be|get",
     "loop": "pingpong|loop|repeat|cycle|replay|boomerang",
-    "last": "squash|spread|condense|cram|take|last|stretch|extend|expand|slow down|compress|squeeze|speed up|shorten|"
-    "retime|lengthen|be|run|prolong|make|get|time remap|elongate|protract|abridge|squish",
     "blur": "anonymize|anonymise|censor|blur|blur out|defocus|unfocus|soften|smudge|unsharpen|smear|fuzz|pixelize|"
     "bokeh|gaussian blur|redact|deidentify",
     "glow": "bloom|glow|shine|light up|shimmer|sparkle|radiate|gleam|glisten|twinkle|glitter|beam|luminesce|"

@@ -31,7 +31,7 @@ LOOKED_AT = 4096
 MIN_FRACTION = 0.01
 """Minimum fraction of them that a word must win to be searched in the whole scene."""
 SAME = 0.5
-"""Two words mean the same thing where their Gaussians overlap by more (intersection over union)."""
+"""Two words mean the same thing where their Gaussians overlap by more: of their union, of two movers of the smaller one."""
 MISTAKES = 0.5
 """Words that may be there by chance alone, of all that are tried: with more, a word is doubtful."""
 MAX_SUGGESTIONS = 4
@@ -118,10 +118,20 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     for label in sorted(
         found.keys() - everybody.keys(), key=lambda label: -float(found[label].scores[found[label].chosen].mean())
     ):
-        own = found[label].chosen
-        if all((own & other.chosen).sum() <= SAME * (own | other.chosen).sum() for other in kept.values()):
+        if not any(mean_the_same(found[label].chosen, other.chosen, scene.moving) for other in kept.values()):
             kept[label] = found[label]
     return dict(sorted(kept.items(), key=lambda item: -int(item[1].chosen.sum())))
+
+
+def mean_the_same(one: np.ndarray, other: np.ndarray, moving: np.ndarray) -> bool:
+    """Return True if two words mean the same thing, by the Gaussians (N,) bool that they select and those that move.
+
+    Of two that mostly move, one holds most of what moves of the other: a bus that is a car with some of the street is the car.
+    """
+    if all(2 * (each & moving).sum() > each.sum() for each in (one, other)):
+        one, other = one & moving, other & moving
+        return bool((one & other).sum() > SAME * min(one.sum(), other.sum()))
+    return bool((one & other).sum() > SAME * (one | other).sum())
 
 
 def is_doubtful(scene: Scene, selection: Selection) -> bool:

@@ -11,10 +11,12 @@ from ..features.unknown import unknown_kind
 from ..language.compounds import names_another
 from ..language.lexicon import spellings
 from ..scene import Scene
+from ..scene.people import people_of
 from .calibration import evidence
 from .cast import needs_no_teacher
-from .inventory import instead
+from .inventory import instead, labels_of
 from .labels import Encode, ask_for, text_head
+from .people import names_people
 from .score import cosines
 from .selection import Selection
 from .smoothing import group_of
@@ -36,6 +38,13 @@ def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> No
         f"In the scene '{scene.name}' '{label}' is not looked for, because the teacher of its words knows no {kind}; click on the"
         f" thing or draw a box around it, or add another teacher with `f4x distill SCENE --teacher NAME`{hint and f'; {hint}'}."
     )
+
+
+def lacks_people(scene: Scene, label: str) -> bool:
+    """Return True if `label` names people, of whom neither the fit of a scene nor its teacher of words knows any."""
+    if people_of(scene) is not None or not names_people(scene, label):
+        return False
+    return not labels_of(scene) or unknown_kind(text_head(scene).spec.text_encoder or "", label) is not None
 
 
 def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encode: Encode | None = None) -> None:

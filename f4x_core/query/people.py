@@ -135,6 +135,12 @@ def is_of_people(scene: Scene, label: str) -> bool:
     return people_of(scene) is not None and _meaning(scene, label) is not None
 
 
+def names_people(scene: Scene, label: str) -> bool:
+    """Return True if `label` is a word for people, not for parts of their bodies, whoever the scene knows."""
+    found = _meaning(scene, label)
+    return found is not None and found["whom"] is not None
+
+
 def each_person(scene: Scene, label: str) -> list[str]:
     """The labels of the single people, or of their parts, that a word for all of them means; none for another word, or for one."""
     found, people = _meaning(scene, label), people_of(scene)

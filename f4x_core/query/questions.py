@@ -25,7 +25,7 @@ from .cast import moving_things
 from .chat import ChatServer, image_part
 from .connected_objects import separate_objects, width_along
 from .inventory import find, instead, is_doubtful, labels_of, things_there
-from .knowledge import refuse_unknown
+from .knowledge import lacks_people, refuse_unknown
 from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
@@ -54,6 +54,8 @@ SIDEWAYS = 0.05
 """Fraction of the picture's width that a thing must cross to go to the left or the right."""
 THING = "something unnamed"
 """What moving things are called that the scene has no word for."""
+NO_PEOPLE = "The fit of this scene found no people and its words know none, so whether anybody is there I cannot tell."
+"""The answer about people in a scene that `lacks_people`."""
 PERHAPS = "what may be "
 """How a thing is called whose word is doubtful (`inventory.is_doubtful`)."""
 
@@ -147,6 +149,9 @@ def answer(
     )
     sentences = [*mended]
     for asked in (one for read in understood for one in _for_each_person(scene, read, known)):
+        if any(thing not in known and lacks_people(scene, thing) for thing in asked.things):
+            sentences.append(NO_PEOPLE)
+            continue
         if _compares(asked):
             sentence, things = _compared(scene, asked, encode, known)
             sentences.append(sentence)

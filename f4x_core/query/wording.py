@@ -191,7 +191,7 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         for end in reversed(ends):
             name = reading.text_of(start, end).replace(" '", "'")
             yield end, name
-            for whole in cue("of (the|my|this|that|his|her|its)").at(reading, end):  # "the roof of the house"
+            for whole in _of_the.at(reading, end):  # "the roof of the house"
                 for last, (owner,) in _name.at(reading, whole).items():
                     yield last, f"{owner}'s {name}"
     if reading.word(at) in _IT:
@@ -217,6 +217,8 @@ def _names_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[str, ...]]
 
 
 _name = generated(_name_at)
+_of_the = cue("of (the|my|this|that|his|her|its)")
+_being, _in_or_on = cue("is|are|was|were"), cue("on|onto|in|inside|under|underneath")
 _listing = cue("and|or|,|, and|, or|versus|vs|and of")
 _names = generated(_names_at)
 _us = CUES["camera"]
@@ -258,14 +260,14 @@ def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
 
 def _doing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """What somebody does that no cue knows: "are watching"."""
-    for begin in cue("is|are|was|were").at(reading, at):
+    for begin in _being.at(reading, at):
         if reading.word(begin).endswith("ing") and reading.word(begin) not in WORDS:
             yield begin + 1, reading.word(begin)
 
 
 def _spot_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """Where somebody is that nobody can compute: "on the bed"."""
-    for begin in cue("on|onto|in|inside|under|underneath").at(reading, at):
+    for begin in _in_or_on.at(reading, at):
         yield from ((end, reading.text_of(at, end)) for end in _name.at(reading, begin))
 
 
@@ -310,7 +312,7 @@ _slots: dict[str, Rule] = {
         >> (lambda names: ("near", names)),
         cue("on|to|at")
         + _names
-        + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, words_of=WORDS)
+        + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, vocabulary=WORDS)
         >> (lambda names, relation: (relation, names)),
     ),
     "place-or": either(CUES["on-side"] >> (lambda: "left of"), CUES["place"]) + cue("or") + CUES["place"] + _names
@@ -530,8 +532,6 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
         manner = ""
         if not kind:
             return None
-    elif kind == "near":
-        kind, manner = "relation", "near"
     elif kind == "still" and polar:
         kind, negated = "motion", not negated
     if things == other and kind not in ("nearest", "farthest"):
@@ -583,7 +583,7 @@ _MANNERS = (
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
 """(kind, extreme that is asked for) -> the kind that it is."""
 _NEEDS_A_THING = word_set(
-    "@place neighbours between near relation size colour count compare_size biggest seen seeing lasting"
+    "@place neighbours between relation size colour count compare_size biggest seen seeing lasting"
 )
 """Kinds that nothing stands in for where "it" stands for nothing."""
 _MOST = ("fastest", "slowest")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import effects
 import numpy as np
 import pytest
-from effect_scenes import effect_scene
+from effect_scenes import FRAMES, effect_scene
 
 from f4x_core.edit import plan
 from f4x_core.edit.plan_lines import plan_lines
@@ -70,3 +70,40 @@ def test_without_words_what_moves_is_a_thing_and_all_else_goes_by_gaussian():
     ).posed(0.0)
     gone = {name: not after.opacities[rows].any() for name, rows in things.items()}
     assert gone["car"] and gone["wall"] and not gone["floor"] and not gone["ball"]
+
+
+def test_an_exception_is_kept_whatever_it_is_of():
+    scene, things = effect_scene("crowd")
+    after = plan.preview(scene, plan.propose(scene, "hide the first person but leave their heads alone").chosen)
+    gone = after.posed(0.0).opacities[things["p1"]] == 0
+    head = scene.extra["dynamic/body_part"][things["p1"][len(scene.static) :]] == 1
+    assert np.array_equal(gone, ~head)
+
+
+def test_everything_said_before_is_taken_back():
+    scene, _ = effect_scene("street")
+    edited = scene
+    for sentence in ("remove the ball", "make the car blue", "undo everything"):
+        edited = plan.preview(edited, plan.propose(edited, sentence).chosen)
+    before, after = scene.posed(0.0), edited.posed(0.0)
+    assert np.array_equal(before.opacities, after.opacities) and np.array_equal(before.sh, after.sh)
+
+
+def test_which_of_several_is_asked_in_a_frame_that_shows_them():
+    scene, _ = effect_scene("street")
+    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
+    poses[:, 0, 3] = np.linspace(1.0, 0.0, FRAMES)  # the camera goes to the right, and shows the second man late
+    scene = replace(scene, cameras=replace(scene.cameras, world_to_camera=poses))
+    with pytest.raises(Refusal) as asked:
+        plan.propose(scene, "remove the man")
+    left = asked.value.nearest[0]
+    frame = int(left.rpartition(" ")[2])
+    assert left == f"remove the left man of frame {frame}" and frame > 0
+    (operation,) = plan.propose(scene, "remove the left man").chosen.operations
+    assert f"of frame {frame} " in next(plan_lines(scene, [operation]))
+
+
+def test_how_many_people_there_are_is_not_known_where_neither_the_fit_nor_words_know_any():
+    scene = replace(effect_scene("street")[0], features=None)
+    assert "found no people" in answer(scene, "how many people are there?").text
+    assert "2 separate" in answer(effect_scene("crowd")[0], "how many people are there?").text

@@ -18,8 +18,8 @@ from f4x_core.language.grammar import (
     unless,
 )
 
-COLOUR = table({"red|dark red": "r", "blue": "b"}, words_of=set())
-THE = table({"the|a": None}, words_of=set())
+COLOUR = table({"red|dark red": "r", "blue": "b"}, vocabulary=set())
+THE = table({"the|a": None}, vocabulary=set())
 
 
 @pytest.mark.parametrize(

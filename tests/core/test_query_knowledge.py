@@ -11,7 +11,7 @@ from f4x_core.edit.selects import Text
 from f4x_core.errors import F4xError
 from f4x_core.features.unknown import UNKNOWN, unknown_kind
 from f4x_core.query import knowledge
-from f4x_core.query.inventory import instead, nearest_labels, things_there
+from f4x_core.query.inventory import instead, mean_the_same, nearest_labels, things_there
 from f4x_core.query.knowledge import refuse_evidence_of_another, refuse_unknown
 from f4x_core.query.selection import Selection
 from f4x_core.scene import Vocabulary
@@ -165,3 +165,11 @@ def test_a_label_of_the_asked_kind_answers_for_the_word(scene, monkeypatch):
     for other in ("square wall", "disc"):
         with pytest.raises(F4xError, match=f"answers more to '{other}'"):
             answers((other, "wall"))
+
+
+def test_a_word_for_a_mover_and_its_surroundings_is_no_thing_besides_it():
+    moving = np.arange(100) < 30
+    car, bus, room = np.arange(100) < 10, np.arange(100) < 25, np.arange(100) < 100
+    assert mean_the_same(bus, car, moving)
+    assert not mean_the_same(room, car, moving)
+    assert not mean_the_same(car, (np.arange(100) > 10) & moving, moving)

@@ -70,7 +70,7 @@ def test_half_an_understanding_is_none(sentence):
          ["make the bird red from frame 0 to frame 24", "make the bird blue from frame 47 on"]),
         ("play the last second in slow motion", ["play everything at half speed from frame 47 on"]),
         ("make the woman in red glow", ["make the woman in red glow by 50 %"]),
-        ("don't touch the car, but make the bird gray", ["make the bird black and white"]),
+        ("don't touch the car, but make the bird gray", ["make the bird but not the car black and white"]),
         ("I don't want to see the car any more", ["remove the car"]),
         ("the bird has to go", ["remove the bird"]),
         ("turn the bird red by second 2", ["make the bird red from frame 48 on"]),

@@ -173,7 +173,7 @@ def test_a_pattern_matches_what_its_expansion_would():
     rng = random.Random(0)
     for _ in range(200):
         entries = {random_pattern(rng, 2): value for value in ("first", "second")}
-        rule = table(entries, words_of=set())
+        rule = table(entries, vocabulary=set())
         rows = [(words, value) for spec, value in entries.items() for words in expanded(spec)]
         assert rule.first == {words[0] for words, _ in rows}
         sentence = " ".join(rng.choices("abc", k=8))
@@ -189,4 +189,4 @@ def test_a_pattern_matches_what_its_expansion_would():
 
 def test_a_pattern_that_stands_for_more_sequences_than_memory_holds_is_matched_at_once():
     spec, words = " ".join(["[a|b|(a) b (a)]"] * 40), "a b " * 20
-    assert 40 in table({spec: None}, words_of=set()).at(Reading.of(words, tokenise(words), {}), 0)
+    assert 40 in table({spec: None}, vocabulary=set()).at(Reading.of(words, tokenise(words), {}), 0)

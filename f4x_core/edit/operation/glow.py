@@ -102,10 +102,7 @@ class Glow(Change):
             how=say.softly | say.phrase("(by|at) <percent>") >> (lambda x: Amount("fraction", x)),
             rgb="<a_color> <shade_of> <colour> (light|color|tone|shade|hue)",
         )  # fmt: skip
-        made = say.either(
-            say.phrase("<how?> <shining> (in) <colour?>", how=say.softly | say.amount, shining=shining) >> glowing,
-            say.phrase("<shining> <how> (in) <colour?>", how=say.softly | say.amount, shining=shining) >> glowing,
-        )
+        made = say.phrase("<how?> <shining> (in) <colour?>", how=say.softly | say.amount, shining=shining) >> glowing
         return say.Said((put, glow), (quality,), made=(made,))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import F4xError
 from ...language.lexicon import PLACES
-from ...language.refusal import Mismatch, Refusal
+from ...language.refusal import Refusal
 from ..change import SHOWN, Change, ChangeWithShadow, Ease, Reply, Span, check_range, check_span
 from ..description import percent_words, span_words, whom_with
 from ..selects import SelectKind
@@ -117,18 +117,13 @@ class Opacity(ChangeWithShadow):
             little="transparent|see through|translucent|sheer", noun="opacity|visibility|alpha", lack="transparency|translucency",
             too_little="faint", bare=False,
         )  # fmt: skip
-        share = say.percent | say.fraction | say.number >> _as_fraction
-        noun, lack = say.keyword(quality.noun), say.keyword(quality.lack)
+        noun = say.keyword(quality.noun)
         made = say.either(
             say.table(_OPAQUE),
             say.table({"semi|partly|partially": 0.5, "mostly|almost|nearly": 0.2, "completely|fully|totally|entirely": 0.0})
             + say.keyword(quality.little),
             say.phrase("(like|about|roughly|only|just|say) (a|an|the|some) [<percent>|<fraction>] [opaque|"
                        "visible|<noun>]", noun=noun),
-            say.phrase("[see through|transparent|translucent] (,|like|about|say|so) <percent> [visible|opacity|opaque]"),
-            say.phrase("(an|a) <noun> (of|to|at|=|is|down to) <share>", noun=noun, share=share),
-            say.phrase("[<percent>|<fraction>] <lack>|(a) <lack> (of|to|at|=|is) <share>", lack=lack, share=share)
-            >> (lambda x: 1 - x),
         ) >> opacity  # fmt: skip
         made = say.phrase("(at|to|with) [<made>|<value>]", made=made, value=quality.value)
         slow = "((a|some) (slow|gentle|soft|quick|smooth|nice|long|short|gradual))"
@@ -232,10 +227,3 @@ def appearing(who: SelectKind, when: When, context: SentenceContext) -> Change:
     ):
         return Opacity(who, 0.0, frames=(0.0, when.frames[0]))
     return faded(0.0, inward=True)(who, when, context)
-
-
-def _as_fraction(x: float) -> float:
-    """A fraction, or percents that are said without their sign; Mismatch for neither."""
-    if x > 100:
-        raise Mismatch
-    return x if x <= 1 else x / 100

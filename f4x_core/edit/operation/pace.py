@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ...errors import F4xError
 from ...language.lexicon import PLACES, word_set
-from ...language.refusal import Mismatch, Refusal
+from ...language.refusal import Refusal
 from ..change import Change, ChangeWithShadow, Reply, Span, TimeMap, check_numbers, check_scale, check_span
 from ..description import percent_words, span_words, whom_with
 from ..selects import All, SelectKind
@@ -196,13 +196,7 @@ class Retime(Retiming):
         slow_motion = say.keyword(
             "(on|in|at|a|into|in a) [slow mo|slowmo|slo mo|slomo|slow motion|slow mode|bullet time]"
         )
-        rate = say.phrase(
-            "(,|-) (at|with|in|to|of|down to|like|say|about|around|roughly|maybe) [<fraction>|<percent>] "
-            "((of) (the|its|their|his|her) (original|normal|usual|real|full)) (speed|pace|tempo|rate)"
-        )
         speed = say.either(
-            slow_motion + rate >> retimed,
-            say.phrase("in <multiple> [(of) the time|its time|as much time]") >> stretched,
             say.table(
                 {
                     "(in|at) double time|(in) [fast forward|fast motion]|time lapse|timelapse": 2.0,
@@ -362,22 +356,6 @@ def _backward() -> Rule:
 def retimed(by: float) -> Value:
     """So many times as fast."""
     return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
-
-
-def stretched(by: float) -> Value:
-    """So many times as long, all of the part that is named; Mismatch for none."""
-    if by <= 0:
-        raise Mismatch
-
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
-        fields = replace(when, soft=True).pace
-        start, end = fields.get("frames", (0.0, None))
-        if end is not None:
-            end = start + by * (end - start)
-            fields["frames"] = (start, None if end >= context.frames - 1 else round(end, PLACES))
-        return Retime(who, round(1 / by, PLACES), **fields)
-
-    return value
 
 
 def frozen(who: SelectKind, when: When, context: SentenceContext) -> Change:

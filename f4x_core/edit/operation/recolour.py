@@ -224,7 +224,6 @@ def _colors() -> tuple[tuple[Rule, ...], tuple[Rule, ...]]:
     )
     hue = say.shade_of + (say.colour | say.colourish)
     alone = say.either(
-        say.phrase("<a_> <slight> <hue> (tint|tinge|touch|cast|wash|hue|note|tone)", hue=hue) >> faintly,
         say.phrase("<a_> <hue> [tint|tinge|touch|cast|wash|hint|note|filter|overlay|glaze|veil]", hue=hue) >> faintly,
         say.phrase(
             "<a_> (nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of) <shade_of> <colour> [color|paint|shade|"

@@ -76,7 +76,7 @@ class Delete(Removal, ChangeWithShadow):
 
         all_but = say.command(
             "remove everything except the dog", say.always(extracted), "verb", say.NAMED, say.everything_but,
-            verb="[{!delete}|strip|wipe|scrub] (<OUT>)",
+            verb="[{!delete}|clear|drop|cut|strip|wipe|scrub] (<OUT>)",
         )  # fmt: skip
         without = say.command(
             "without the dog", say.always(deleted), "without", say.NAMED,
@@ -87,13 +87,7 @@ class Delete(Removal, ChangeWithShadow):
                 "can do without|[i|we] (really) do not [want|need|like] (to [see|have])"
             )
             | say.literal("no") + say.unless(say.literal(",|.|the|that|this|it|wait|not|need"))
-            | say.literal(
-                "[is|are] not (really) [needed|wanted|necessary|required] (here|there|any more)|[is|are] "
-                "[unwanted|unnecessary|superfluous]|[does|do] not belong [here|there|in there|in the picture|"
-                "in the shot|in the scene]|should not be in [here|there|the picture|the shot|the scene|the "
-                "frame|the video|the clip|this shot]|should not be there|is not to be there|there [should|"
-                "must|shall|may] not be|is no longer there"
-            ),
+            | say.literal("should not be (in) [here|there|the [picture|shot|scene|frame|video|clip]]|is no longer there"),
         )  # fmt: skip
         take_out = say.command(
             "take the car out", say.always(deleted), "verb out", say.NAMED, verb="{!take}", out=say.OUT

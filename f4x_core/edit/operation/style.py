@@ -85,7 +85,6 @@ class Style(Dye):
             "name": name,
             "adjective": adjective,
             "look": name | adjective,
-            "described": ~say.silent(say.described),
         }
         rules["strongly"] = say.optional(say.at_most_all, 1.0)
         made = "([it is|they are|it was|it were|they were] ([made|carved|built|cast|cut|formed]) (out) ([of|from|in])|"
@@ -101,25 +100,16 @@ class Style(Dye):
             say.constant(1.0) + say.phrase("[in|into|with] (a|an|the|some) <look> <effect>", **rules),
             say.phrase(f"({say.SEEM}) <strongly> <adjective>", **rules),
         ) >> (lambda strength, look: styled(look, strength))
-        at_night = say.table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False)
-        bare = say.phrase(
-            "((take|taking|takes) place at|(happen|happens|happening|set|shot|filmed|recorded) [at|during|in]|at|during|in the "
-            "(middle of the)|by) <look>",
-            look=at_night,
-        )
         in_scene = say.table(PICTURES | {look: look for look in PICTURE_LOOKS}, reserve=False)
         given = say.either(
-            say.phrase("[the|a] [texture|look|appearance|finish|surface|feel|sheen] of (a|an|pure|solid|real) <look>", **rules),
             say.phrase("(a|an|the|some) <look> (like|colored) <effect>", **rules),
-            say.phrase("(a|an|the|some) frozen (like|colored) <effect>") >> (lambda: "ice"),
         )  # fmt: skip
         alone = say.either(
             say.toward + say.phrase("(pure|solid) <look> (<effect>)", **rules),
-            say.phrase(f"[like|as|of] ({say.REAL}) <look> (<effect>)", **rules),
-            say.phrase(f"(in|with) ({say.REAL}) <described> <look> <effect>", **rules),
-            say.phrase("((in|into|to|with) (the|a|an|some|that|this)) <described> <look> (<effect>)", **rules | {"look": in_scene}),
+            say.phrase(f"(in|with) ({say.REAL}) <look> <effect>", **rules),
+            say.phrase("((in|into|to|with) (the|a|an|some|that|this)) <look> (<effect>)", **rules | {"look": in_scene}),
         )  # fmt: skip
-        return say.Said(made=(a_look, bare >> styled), alone=(alone >> styled,), given=(given >> styled,))
+        return say.Said(made=(a_look,), alone=(alone >> styled,), given=(given >> styled,))
 
 
 ADJECTIVES = {

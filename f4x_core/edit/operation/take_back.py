@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ..stack import Edit
 
 
-LAST = 0
-"""No edit has this id."""
+LAST, ALL = 0, -1
+"""The last sentence, all sentences: no edit has these ids."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class TakeBack(Change):
 
     TAG = "take_back"
     edit: int = LAST
-    """Id of the edit; `LAST` until planning finds the last sentence."""
+    """Id of the edit; `LAST` or `ALL` until planning finds those meant."""
     words: str = ""
     """The earlier edit in words, for people."""
     select: ClassVar[SelectKind] = All()  # type: ignore[misc]  # whoever that edit was for
@@ -39,30 +39,40 @@ class TakeBack(Change):
         return self.edit
 
     def planned(self, edits: Sequence[Edit]) -> tuple[TakeBack, ...]:
-        """All edits of the last sentence in effect, the last one first."""
-        active = [edit for edit in edits if edit.enabled and edit.operation.taken_back is None]
-        if self.edit != LAST:
+        """All edits in effect, or those of the last sentence, the last one first."""
+        if self.edit not in (LAST, ALL):
             return (self,)
+        active = [edit for edit in reversed(edits) if edit.enabled and edit.operation.taken_back is None]
         if not active:
             raise F4xError("No edit is in effect that could be taken back.")
-        said = active[-1].sentence
-        last = takewhile(lambda edit: edit is active[-1] or (said and edit.sentence == said), reversed(active))
-        return tuple(TakeBack(edit.id, edit.operation.described()) for edit in last)
+        if self.edit == LAST:
+            last, said = active[0], active[0].sentence
+            active = [*takewhile(lambda edit: edit is last or (said and edit.sentence == said), active)]
+        return tuple(TakeBack(edit.id, edit.operation.described()) for edit in active)
 
     def described(self) -> str:
-        if self.edit == LAST:
-            return "take back the last edit"
+        if self.edit in (LAST, ALL):
+            return "take back the last edit" if self.edit == LAST else "take back all edits"
         return f"take back '{self.words}'" if self.words else f"take back the edit of id {self.edit}"
 
     @classmethod
     def said(cls) -> Said:
         from .. import english as say
 
-        last = "(that|it|this|(the|my|that) [last|previous] [edit|change|step|command|one|thing])"
+        edit = "[edit|change|step|command|one|thing]"
+        verb = "[undo|revert|[take|takes|taking] back]"
+        phrases = {
+            f"{verb} (that|it|this|(the|my|that) [last|previous] {edit})|take [that|this] back": LAST,
+            f"{verb} [everything|all|all (of) (the|my|these) [edits|changes|steps]|every {edit}]": ALL,
+        }
         undo = say.command(
-            "take back the last edit", say.always(lambda *_: cls()), "undo", say.Use(alone=True), say.nobody,
-            undo=f"[undo|revert|[take|takes|taking] back] {last}|take [that|this] back",
-        )  # fmt: skip
+            "take back the last edit",
+            lambda undo: lambda *_: cls(undo),
+            "undo",
+            say.Use(alone=True),
+            say.nobody,
+            undo=phrases,
+        )
         return say.Said(early=(undo,))
 
     @classmethod
