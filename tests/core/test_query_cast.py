@@ -55,7 +55,7 @@ def test_a_thing_with_its_shadow(monkeypatch):
     scene = labelled_scene()
     moving, static = graph_of(scene)
     graph = Graph(replace(moving, cast=np.arange(len(moving.weight)) == 0), static)
-    monkeypatch.setattr(cast, "graph_of", lambda scene: graph)
+    monkeypatch.setattr(cast, "graph_of", lambda scene, config: graph)
     shadow, wall = (select_by_text(scene, [label]).chosen for label in ("shadow", "wall"))
     assert shadow.any() and not shadow[~scene.moving].any() and wall.any()
     np.testing.assert_array_equal(select_by_text(scene, ["wall", "shadow"]).chosen, wall | shadow)
