@@ -22,12 +22,19 @@ def needs_no_teacher(scene: Scene, label: str) -> bool:
 
 
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:
-    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given; by all if none of them moves."""
+    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given; by all if none of them moves.
+
+    Gaussians of things are none of it, though they look much like the background: sills and wheels above a car's shadow.
+    """
     superpoints = graph_of(scene, config).moving
-    cast = superpoints.cast
-    if by is not None and (thing := mostly(superpoints, by) & ~cast).any():
-        cast = cast & attached(scene, superpoints, thing)
-    return superpoints.spread(cast.astype(float), len(scene.ids))
+    cast, count = superpoints.cast, len(scene.ids)
+    thing = ~cast
+    if by is not None and (own := mostly(superpoints, by) & ~cast).any():
+        cast, thing = cast & attached(scene, superpoints, own), own
+    own = superpoints.with_edges(thing, np.zeros(len(cast), bool), count) > 0
+    if by is not None and superpoints.unlike is not None:
+        own[superpoints.rows] |= by[superpoints.rows] & (superpoints.unlike >= config.thing.alike_behind)
+    return superpoints.spread(cast.astype(float), count) * ~own
 
 
 def without_shadow(scene: Scene, scores: np.ndarray, config: SelectConfig = SELECT) -> np.ndarray:
