@@ -17,7 +17,8 @@ from ..errors import F4xError
 from ..files import json_text, replace_file
 from ..progress import Progress, silent
 from ..query.marks import Box, Mark, Mask, Point
-from ..query.pixels import coverage_image, heat_map, mask_video
+from ..query.matte import mask_video
+from ..query.pixels import coverage_image, heat_map
 from ..query.prompts import (
     SelectOptions,
     at_clip_size,

@@ -20,6 +20,7 @@ from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
 from .blend_weights import blend_weight_sums
 from .connected_objects import connect
+from .k_means import k_means, means, nearest
 from .kept import Kept
 from .marks import Mark
 from .score import logistic
@@ -32,8 +33,6 @@ MOSTLY = 0.5
 """A majority: a superpoint belongs to an exact mark, or to one on what is not meant, that has more of its blend weights."""
 UNSEEN = 1e-4
 """Minimum blend weight of a Gaussian, in pixels."""
-BLOCK = 4096
-"""Gaussians compared with all centres at once: the matrix of their distances stays small."""
 
 
 class Graph(NamedTuple):
@@ -377,8 +376,8 @@ class _Tracks(NamedTuple):
     def means(self, index: np.ndarray, weights: np.ndarray, groups: int) -> _Tracks:
         """Of groups of rows, `index (n,)` int, weighted by `weights (n,)` and by who is there; those are there or not."""
         held = weights[:, None] * (self.presence + self.graph.absent)
-        places = [_means(index, held[:, t], self.places[:, t], groups) for t in range(held.shape[1])]
-        shares = _means(index, weights, self.presence, groups)
+        places = [means(index, held[:, t], self.places[:, t], groups) for t in range(held.shape[1])]
+        shares = means(index, weights, self.presence, groups)
         there = shares >= self.graph.present * np.maximum(shares.max(1, keepdims=True), 1e-9)
         return _Tracks(np.stack(places, 1), there.astype(float), self.graph)
 
@@ -424,33 +423,16 @@ def _appearance(scene: Scene, graph: GraphConfig) -> np.ndarray:
 def _group(
     place: np.ndarray, appearance: np.ndarray, weights: np.ndarray, count: int, graph: GraphConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """k-means of n rows: index (n,), weight (k,), mean place (k,…) and looks (k,C) of at most `count` groups, none empty."""
+    """Group n rows by k-means: index (n,), weight (k,), mean place (k,…) and looks (k,C) of at most `count` groups, none empty."""
     if not len(place):
         return np.zeros(0, int), weights, place, appearance
     looks = [graph.features * appearance[:, :-3], appearance[:, -3:] / graph.colour]
     joint = np.concatenate([place, *looks], 1, dtype=np.float32)
-    sample = joint[np.random.default_rng(0).permutation(len(joint))[: graph.sample]]
-    centres = sample[:count]
-    for _ in range(graph.rounds):
-        index = _nearest(sample, centres)
-        centres = _means(index, np.ones(len(sample)), sample, len(centres)).astype(np.float32)
-    index = np.unique(_nearest(joint, centres), return_inverse=True)[1]
+    centres = k_means(joint, count, graph.sample, graph.rounds)
+    index = np.unique(nearest(joint, centres), return_inverse=True)[1]
     groups = int(index.max()) + 1
     weight = np.bincount(index, weights, groups)
-    return index, weight, _means(index, weights, place, groups), _means(index, weights, appearance, groups)
-
-
-def _nearest(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """(n,) int: which of `centres (k,D)` is nearest to each of `points (n,D)`, block by block."""
-    half = (centres**2).sum(1) / 2
-    blocks = np.array_split(points, max(1, len(points) // BLOCK))
-    return np.concatenate([(half - block @ centres.T).argmin(1) for block in blocks])
-
-
-def _means(index: np.ndarray, weight: np.ndarray, values: np.ndarray, groups: int) -> np.ndarray:
-    """(groups,C) float64 weighted means of `values (n,C)`; 0 for an empty group."""
-    sums = np.stack([np.bincount(index, weight * column, groups) for column in values.T], 1)
-    return sums / np.maximum(np.bincount(index, weight, groups), 1e-12)[:, None]
+    return index, weight, means(index, weights, place, groups), means(index, weights, appearance, groups)
 
 
 def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from random_scene import random_scene
 
 from f4x_core.features.models.prompt import Prompt, check_prompt
 from f4x_core.geometry import spherical_harmonics
-from f4x_core.query import objects
+from f4x_core.query import k_means, objects
 from f4x_core.query.blend_weights import blend_weight_sums
 from f4x_core.query.marks import Box, Brush, Mask, Point, marks_of
 from f4x_core.query.objects import Graph, Superpoints, point_out
@@ -89,10 +89,10 @@ def test_squares_and_means_and_the_nearest():
     one, other = RNG.normal(size=(7, 3)), RNG.normal(size=(4, 3))
     plain = ((one[:, None] - other) ** 2).sum(2)
     np.testing.assert_allclose(objects._squares(one, other), plain, atol=1e-12)
-    many = RNG.normal(size=(2 * objects.BLOCK + 5, 3))
-    np.testing.assert_array_equal(objects._nearest(many, other), ((many[:, None] - other) ** 2).sum(2).argmin(1))
+    many = RNG.normal(size=(2 * k_means.BLOCK + 5, 3))
+    np.testing.assert_array_equal(k_means.nearest(many, other), ((many[:, None] - other) ** 2).sum(2).argmin(1))
     index, weight = np.array([0, 2, 0, 2, 2, 0, 0]), RNG.random(7)
-    found = objects._means(index, weight, one, 3)
+    found = k_means.means(index, weight, one, 3)
     for group in (0, 2):
         np.testing.assert_allclose(found[group], np.average(one[index == group], 0, weight[index == group]))
     assert not found[1].any()

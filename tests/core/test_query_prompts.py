@@ -8,7 +8,8 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import View, orbit, original
 from f4x_core.query.blend_weights import blend_weight_sums, lift_masks
 from f4x_core.query.labels import ask_for
-from f4x_core.query.pixels import coverage_image, head_map, heat_map, mask_video, text_score_map
+from f4x_core.query.matte import mask_video
+from f4x_core.query.pixels import coverage_image, head_map, heat_map, text_score_map
 from f4x_core.query.prompts import (
     SelectOptions,
     select_by_box,

@@ -11,7 +11,7 @@ import pytest
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
-from f4x_core.query import objects
+from f4x_core.query import k_means, objects
 from f4x_core.query.marks import Box, Brush, Lasso, Mask, Point, check_marks
 from f4x_core.query.objects import Graph, Superpoints, point_out, superpoints_of
 from f4x_core.query.select_config import MOVING, SELECT, STATIC, Cutting, KindConfig
@@ -377,17 +377,17 @@ def test_no_rows_make_no_groups():
 
 @pytest.mark.parametrize("block", [3, 4096])
 def test_the_nearest_centre_by_loops(monkeypatch, block):
-    monkeypatch.setattr(objects, "BLOCK", block)
+    monkeypatch.setattr(k_means, "BLOCK", block)
     random = np.random.default_rng(2)
     points, centres = random.normal(size=(11, 3)), 2 * random.normal(size=(6, 3))
     expected = [np.argmin(np.linalg.norm(centres - point, axis=1)) for point in points]
-    np.testing.assert_array_equal(objects._nearest(points, centres), expected)
+    np.testing.assert_array_equal(k_means.nearest(points, centres), expected)
 
 
 def test_means_are_weighted_and_those_of_nobody_are_0():
     index, weight = np.array([0, 2, 2]), np.array([0.1, 0.1, 0.3])
     values = np.array([[1.0, 5], [2, 6], [6, 8]])
-    np.testing.assert_allclose(objects._means(index, weight, values, 4), [[1, 5], [0, 0], [5, 7.5], [0, 0]])
+    np.testing.assert_allclose(k_means.means(index, weight, values, 4), [[1, 5], [0, 0], [5, 7.5], [0, 0]])
 
 
 @pytest.mark.parametrize(("count", "neighbours"), [(12, 4), (12, 12), (3, 12), (2, 12)])
