@@ -105,7 +105,7 @@ def _background(scene: Scene, view: View, backend: str) -> np.ndarray:
     camera, time = view
     cloud = Cloud.of_posed(scene.posed(time), scene.fitted_focal(time))
     cloud = replace(cloud, opacities=cloud.opacities * ~scene.moving)
-    drawn = Composite.of([cloud], [{"rgb": cloud.colors(camera.center)}], {"rgb": 3}, camera).draw(backend, np.zeros(3))
+    drawn = Composite.of([cloud], [{"rgb": cloud.colors(camera.center)}], {"rgb": 3}, camera).draw(backend)
     return np.concatenate([drawn.layers["rgb"], drawn.alpha[..., None]], -1)
 
 
