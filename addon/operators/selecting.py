@@ -22,7 +22,7 @@ from ...f4x_core.query.knowledge import refuse_unknown
 from ...f4x_core.query.labels import words_of
 from ...f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ...f4x_core.query.people import in_ordinals
-from ...f4x_core.query.prompts import select_by_prompts
+from ...f4x_core.query.prompts import SelectOptions, select_by_prompts
 from ...f4x_core.query.selection import Selection
 from ...f4x_core.scene import Scene
 from ..common.outline import Outline
@@ -184,7 +184,7 @@ class _Prompt(SearchOperator):
             def following(stage: str, done: int, total: int, message: str = "") -> None:
                 progress(stage, done, total, "Following it through the clip")
 
-            return select_by_prompts(scene, prompts, threshold=threshold, part=part, progress=following)
+            return select_by_prompts(scene, prompts, SelectOptions(threshold, part=part, progress=following))
 
         return search
 

@@ -29,7 +29,7 @@ from f4x_core.geometry.camera import Camera
 from f4x_core.progress import Progress, silent
 from f4x_core.query.chat import MAX_ANSWER_BYTES, ChatServer
 from f4x_core.query.labels import Encode
-from f4x_core.query.prompts import select_by_mask, select_by_points, select_by_text
+from f4x_core.query.prompts import SelectOptions, select_by_mask, select_by_points, select_by_text
 from f4x_core.query.score import overlap
 from f4x_core.query.selection import Selection
 from f4x_core.scene import Scene, read_scene
@@ -94,9 +94,10 @@ def prompted(
 
     `mask`: by that mask; `point`: by a click into its middle; `text`: by the word `label`.
     """
+    options = SelectOptions(progress=progress)
     found = {
-        "mask": select_by_mask(scene, mask, frame, progress=progress),
-        "point": select_by_points(scene, [innermost(mask)], frame, progress=progress),
+        "mask": select_by_mask(scene, mask, frame, options),
+        "point": select_by_points(scene, [innermost(mask)], frame, options=options),
     }
     if label is not None:
         found["text"] = select_by_text(scene, [label], encode=encode)

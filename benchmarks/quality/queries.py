@@ -13,7 +13,7 @@ import numpy as np
 from f4x_core.progress import Progress, silent
 from f4x_core.query.labels import Encode, ask_for
 from f4x_core.query.pixels import coverage_image, head_map, text_score_map
-from f4x_core.query.prompts import select_by_mask, text_selection
+from f4x_core.query.prompts import SelectOptions, select_by_mask, text_selection
 from f4x_core.query.score import average_precision, overlap, select
 from f4x_core.query.smoothing import LOOKS_ALIKE, field_of_looks
 from f4x_core.scene import Scene
@@ -63,7 +63,7 @@ def score_text(
 def score_following(scene: Scene, masks: Mapping[int, np.ndarray], progress: Progress = silent) -> dict[str, float]:
     """IoU of the 4D selection that the first frame's mask gives, in the original view: `follow_iou_T` and their mean."""
     first = min(masks)
-    selection = select_by_mask(scene, masks[first], first, progress=progress)
+    selection = select_by_mask(scene, masks[first], first, SelectOptions(progress=progress))
     result = {}
     for frame in sorted({*(t for t in FOLLOWED if t in masks), max(masks)}):
         weights = coverage_image(scene, selection, scene.cameras[frame], float(scene.cameras.times[frame]))

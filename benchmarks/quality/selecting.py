@@ -1,4 +1,4 @@
-"""Scores selections by marks on the first frame: DAVIS' own measures J and F over all frames of the original view.
+"""Scores selections by marks on the first frame: DAVIS' own measures J and F of mattes in all frames of the original view.
 
 Perazzi et al., A benchmark dataset and evaluation methodology for video object segmentation, CVPR 2016: J is the intersection
 over union of regions, F the harmonic mean of precision and recall of their outlines, of which those count as found that lie
@@ -19,16 +19,17 @@ import numpy as np
 
 from f4x_core.edit.naming import by_words
 from f4x_core.errors import F4xError
+from f4x_core.geometry.trajectory import View
 from f4x_core.progress import Progress, silent
 from f4x_core.query.cast import moving_things
 from f4x_core.query.labels import Encode
 from f4x_core.query.marks import Lasso, Mask
-from f4x_core.query.pixels import coverage_image
+from f4x_core.query.matte import matte_image, mattes
+from f4x_core.query.pixels import SHOWN
 from f4x_core.query.prompts import select_by_box, select_by_evidence, select_by_mask, select_by_points
 from f4x_core.query.score import overlap
 from f4x_core.query.selection import Selection
 from f4x_core.scene import Scene
-from f4x_core.scene.view import render
 
 BOUND = 0.008
 """Of the picture's diagonal: how far an outline may be from the true one (DAVIS)."""
@@ -108,12 +109,12 @@ def score_selecting(
             rows[name] = {"seconds": perf_counter() - start}
         except F4xError as error:
             rows[name] = {"refused": str(error)}
-    chosen = np.stack([each.chosen for each in selections.values()], 1).astype(np.float32)
+    chosen = np.stack([each.chosen for each in selections.values()], 1)
     scores = []
     for done, (frame, mask) in enumerate(masks.items()):
         progress("select", done, len(masks))
         time = float(scene.cameras.times[frame])
-        drawn = render(scene, scene.cameras[frame], time, (), backend, values={"chosen": chosen})["chosen"] > 0.5
+        drawn = mattes(scene, chosen, View(scene.cameras[frame], time), backend) > SHOWN
         scores.append([(overlap(one, mask), boundary_f(one, mask)) for one in np.moveaxis(drawn, -1, 0)])
     for name, own in zip(selections, np.moveaxis(np.array(scores), 1, 0), strict=True):
         rows[name] |= {"J": float(own[:, 0].mean()), "F": float(own[:, 1].mean()), "worst J": float(own[:, 0].min())}
@@ -133,6 +134,6 @@ def score_things(scene: Scene, file: Path, clip: str, backend: str = "auto") -> 
         row: dict[str, Any] = {"thing": thing["name"]}
         for name in ("click", "box"):
             found = ways(scene, mask, frame, None, None)[name]()
-            drawn = coverage_image(scene, found, scene.cameras[frame], float(scene.cameras.times[frame]), backend) > 0.5
+            drawn = matte_image(scene, found, scene.cameras[frame], float(scene.cameras.times[frame]), backend) > SHOWN
             row[name] = overlap(drawn, mask)
         yield row

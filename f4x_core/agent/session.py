@@ -42,6 +42,7 @@ from ..progress import Progress, silent
 from ..query.inventory import PERSON
 from ..query.labels import encode_labels
 from ..query.marks import Box, Point
+from ..query.matte import matte_image
 from ..query.people import each_person
 from ..query.pixels import coverage_image, heat_map
 from ..query.score import THRESHOLD
@@ -218,7 +219,7 @@ class Session:
         if selection:
             if channel != "rgb":
                 raise F4xError("A selection is shown over the picture itself; leave channel out.")
-            weights = coverage_image(opened, self._selection(path, opened, selection), *view, self.backend)
+            weights = matte_image(opened, self._selection(path, opened, selection), *view, self.backend)
             image = heat_map(maps["rgb"], weights)
         elif channel == "depth":
             data["near"], data["far"] = depth_range([maps["depth"]])

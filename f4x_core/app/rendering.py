@@ -18,7 +18,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
-from ..query.pixels import coverage_image
+from ..query.matte import matte_image
 from ..query.unseen import unseen_image
 from ..scene import Scene
 from ..scene.clouds import COVERED
@@ -68,7 +68,7 @@ def render_path(scene: Scene, folder: Path, options: RenderOptions, progress: Pr
     _refuse_unknown(scene, [name for name in channels if name not in labels])
     masks = {name: by_words(scene, [label], encode=encoder(progress))[label] for name, label in labels.items()}
     mattes: dict[str, Callable[..., np.ndarray]] = {
-        name: partial(coverage_image, scene, mask) for name, mask in masks.items()
+        name: partial(matte_image, scene, mask) for name, mask in masks.items()
     }
     if UNSEEN in channels:
         mattes[UNSEEN] = partial(unseen_image, scene)

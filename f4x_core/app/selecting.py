@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,16 @@ from ..errors import F4xError
 from ..files import json_text, replace_file
 from ..progress import Progress, silent
 from ..query.marks import Box, Mark, Mask, Point
-from ..query.pixels import coverage_image, heat_map, mask_video
-from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
+from ..query.matte import mask_video
+from ..query.pixels import coverage_image, heat_map
+from ..query.prompts import (
+    SelectOptions,
+    at_clip_size,
+    select_by_box,
+    select_by_evidence,
+    select_by_mask,
+    select_by_points,
+)
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
@@ -73,32 +80,23 @@ def select(scene: Scene, wanted: Wanted, backend: str = "auto", progress: Progre
     if not wanted.marks:
         found = by_words(scene, words, negatives, wanted.threshold, encode=encoder(progress), span=wanted.span)
         return Found(together(found), found)
+    options = SelectOptions(wanted.threshold, wanted.span, part=wanted.part, backend=backend, progress=progress)
     if len(wanted.marks) == 1 and not words and wanted.marks[0].on:
-        prompted = _prompted(scene, wanted.marks[0], wanted, backend, progress)
+        prompted = _prompted(scene, wanted.marks[0], options)
         if prompted is not None:
             return Found(prompted)
     meant = together(by_words(scene, words, negatives, wanted.threshold, encode=encoder(progress))) if words else None
-    return Found(
-        select_by_evidence(
-            scene, wanted.marks, meant, wanted.threshold, wanted.span, backend=backend, progress=progress
-        )
-    )
+    return Found(select_by_evidence(scene, wanted.marks, meant, options))
 
 
-def _prompted(scene: Scene, mark: Mark, wanted: Wanted, backend: str, progress: Progress) -> Selection | None:
+def _prompted(scene: Scene, mark: Mark, options: SelectOptions) -> Selection | None:
     """Return the selection by one mark as a prompt of its kind; None for a mark that is no prompt."""
-    options: dict[str, Any] = {
-        "threshold": wanted.threshold,
-        "span": wanted.span,
-        "backend": backend,
-        "progress": progress,
-    }
     if isinstance(mark, Point):
-        return select_by_points(scene, np.reshape(mark.at, (1, 2)), mark.frame, part=wanted.part, **options)
+        return select_by_points(scene, np.reshape(mark.at, (1, 2)), mark.frame, options=options)
     if isinstance(mark, Box):
-        return select_by_box(scene, mark.corners, mark.frame, **options)
+        return select_by_box(scene, mark.corners, mark.frame, options)
     if isinstance(mark, Mask):
-        return select_by_mask(scene, np.asarray(mark.mask), mark.frame, **options)
+        return select_by_mask(scene, np.asarray(mark.mask), mark.frame, options)
     return None
 
 

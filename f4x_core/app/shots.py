@@ -11,8 +11,9 @@ import numpy as np
 from ..edit.naming import by_words
 from ..edit.resolve import named
 from ..errors import F4xError
-from ..geometry.trajectory import Trajectory, cameras_of
+from ..geometry.trajectory import Trajectory, View, cameras_of
 from ..query.labels import encode_labels
+from ..query.matte import mattes as refined_mattes
 from ..query.unseen import unseen_gaussians
 from ..scene import Scene
 from ..scene.clouds import Cloud
@@ -100,7 +101,26 @@ def take(
         return Take([cloud], [], cameras.at(index + offset))
 
     passes = [*names, *([OBJECTS] if mattes else [])]
-    return shoot(take_at, exposure, DrawSettings(backend=backend), passes)
+    images = shoot(take_at, exposure, DrawSettings(backend=backend), passes)
+    if mattes is None or exposure.blurs:  # what is blurred has no edge
+        return images
+    return images | _refined(scene, View(cameras.at(index), views[index].time), mattes, images, backend)
+
+
+def _refined(
+    scene: Scene, view: View, mattes: Mattes, images: Mapping[str, np.ndarray], backend: str
+) -> dict[str, np.ndarray]:
+    """Return the mattes (H,W) of `images` anew: those of selections refined along their outlines, the rest the scene's own."""
+    own = f"{OBJECTS}:{identify(scene.name):08x}"
+    layers = [name for name in images if name.startswith(OBJECTS) and name != own]
+    if not layers:
+        return {}
+    chosen = np.stack([mattes.ids == int(name.removeprefix(f"{OBJECTS}:"), 16) for name in layers], 1)
+    fine = refined_mattes(scene, chosen, view, backend)
+    covered = np.sum([images[name] for name in (own, *layers) if name in images], 0)
+    fine = fine * np.minimum(1, covered / np.maximum(fine.sum(-1), 1e-6))[..., None]
+    rest = {own: covered - fine.sum(-1)} if own in images else {}
+    return rest | {name: fine[..., k] for k, name in enumerate(layers)}
 
 
 def write(file: Path, images: Mapping[str, np.ndarray], mattes: Mattes | None) -> None:

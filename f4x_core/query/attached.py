@@ -44,7 +44,11 @@ def attached_to(scene: Scene, chosen: np.ndarray) -> Attached:
         left & (superpoints.spread(each.astype(float), len(chosen)) > 0)
         for each in (superpoints.cast, thing | attached(scene, superpoints, thing))
     )
-    return Attached(others & cast, others & ~cast)
+    own = (
+        superpoints.with_edges(thing, np.zeros(len(thing), bool), len(chosen)) > 0
+    )  # sills and wheels above a car's shadow
+    shadow = others & cast & ~own
+    return Attached(shadow, others & ~shadow)
 
 
 def mostly(superpoints: Superpoints, chosen: np.ndarray) -> np.ndarray:

@@ -13,11 +13,7 @@ from .attached import attached, mostly
 from .floaters import is_floaters
 from .objects import MOSTLY, graph_of
 from .people import is_of_people
-
-LOOKS_LIKE_BEHIND = 0.05
-"""A Gaussian of a shadow that differs less from what is behind it belongs to no thing; others there may be a thing's own, as wheels
-are. Chosen on filmed clips: a word then selects car-shadow's car with IoU .924 in place of .863 (.919 with .04, .923 with .06), and
-of four clips a first-frame mask .005 more."""
+from .select_config import SELECT, SelectConfig
 
 
 def needs_no_teacher(scene: Scene, label: str) -> bool:
@@ -25,24 +21,31 @@ def needs_no_teacher(scene: Scene, label: str) -> bool:
     return is_cast(label) or is_floaters(label) or is_of_people(scene, label)
 
 
-def cast_of(scene: Scene, by: np.ndarray | None = None) -> np.ndarray:
-    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given; by all if none of them moves."""
-    superpoints = graph_of(scene).moving
-    cast = superpoints.cast
-    if by is not None and (thing := mostly(superpoints, by) & ~cast).any():
-        cast = cast & attached(scene, superpoints, thing)
-    return superpoints.spread(cast.astype(float), len(scene.ids))
+def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:
+    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given; by all if none of them moves.
+
+    Gaussians of things are none of it, though they look much like the background: sills and wheels above a car's shadow.
+    """
+    superpoints = graph_of(scene, config).moving
+    cast, count = superpoints.cast, len(scene.ids)
+    thing = ~cast
+    if by is not None and (own := mostly(superpoints, by) & ~cast).any():
+        cast, thing = cast & attached(scene, superpoints, own), own
+    own = superpoints.with_edges(thing, np.zeros(len(cast), bool), count) > 0
+    if by is not None and superpoints.unlike is not None:
+        own[superpoints.rows] |= by[superpoints.rows] & (superpoints.unlike >= config.thing.alike_behind)
+    return superpoints.spread(cast.astype(float), count) * ~own
 
 
-def without_shadow(scene: Scene, scores: np.ndarray) -> np.ndarray:
+def without_shadow(scene: Scene, scores: np.ndarray, config: SelectConfig = SELECT) -> np.ndarray:
     """`scores (N,)` of a thing, 0 for what is cast on the background and looks like it; unless most of the thing is cast."""
     if not scores[scene.moving].any():
         return scores
-    superpoints = graph_of(scene).moving
+    superpoints = graph_of(scene, config).moving
     held = superpoints.gather(scores)
     if superpoints.unlike is None or held[superpoints.cast].sum() > MOSTLY * held.sum():
         return scores
-    alike = superpoints.cast[superpoints.index] & (superpoints.unlike < LOOKS_LIKE_BEHIND)
+    alike = superpoints.cast[superpoints.index] & (superpoints.unlike < config.thing.alike_behind)
     scores = scores.copy()
     scores[superpoints.rows[alike]] = 0
     return scores

@@ -120,10 +120,22 @@ def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray, contras
     fade = contrast * EDGE
     down = np.exp(((cells[1:] * cells[:-1]).sum(-1) - 1) / fade)  # (h-1,w)
     across = np.exp(((cells[:, 1:] * cells[:, :-1]).sum(-1) - 1) / fade)  # (h,w-1)
+    return walk_with_prior((down, across), prior, fixed, PRIOR)
+
+
+def walk_with_prior(
+    bonds: tuple[np.ndarray, np.ndarray], prior: np.ndarray, fixed: np.ndarray, trust: float
+) -> np.ndarray:
+    """Return (h,w) float32 in [0, 1]: a random walker with `prior (h,w)` (Grady 2005) between 4-neighbours.
+
+    `argmin sum bond (x_i - x_j)^2 + trust sum (x_i - prior_i)^2` with `bonds` (h-1,w) down and (h,w-1) across, by conjugate
+    gradients; x is `fixed (h,w)` where that is not NaN.
+    """
+    down, across = bonds
     free = np.isnan(fixed)
 
     def apply(x: np.ndarray) -> np.ndarray:
-        result = PRIOR * x
+        result = trust * x
         flow = down * np.diff(x, axis=0)
         result[1:] += flow
         result[:-1] -= flow
@@ -133,7 +145,7 @@ def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray, contras
         return result
 
     x = np.where(free, prior, fixed).astype(np.float64)
-    residual = (PRIOR * prior - apply(x)) * free
+    residual = (trust * prior - apply(x)) * free
     direction, power = residual.copy(), (residual**2).sum()
     for _ in range(500):
         if power < 1e-10:

@@ -20,7 +20,7 @@ from .labels import Encode, ask_for, text_head, unknown_label
 from .not_deleted import not_deleted
 from .people import each_person, labels_of_people
 from .pixels import label_scores
-from .prompts import select_by_text
+from .prompts import SelectOptions, select_by_text
 from .score import THRESHOLD, cosines
 from .selection import Selection
 
@@ -82,16 +82,17 @@ def select_word(
 
     Raises F4xError besides: a word that the vocabulary lacks and whose last part names something else ("hot dog").
     """
+    options = SelectOptions(threshold, span)
     if needs_no_teacher(scene, label):
-        return select_by_text(scene, [label], negatives, threshold, encode=encode, span=span)
+        return select_by_text(scene, [label], negatives, options, encode=encode)
     known = {word.lower() for word in labels_of(scene)}
     if names_another(label) and known.isdisjoint(spellings(label)):
         raise F4xError(unknown_label(scene, label, labels_of(scene), text_head(scene).spec.text_encoder or ""))
-    selection = select_by_text(scene, [label], negatives, threshold, encode=encode, span=span)
+    selection = select_by_text(scene, [label], negatives, options, encode=encode)
     head = None if not known.isdisjoint(spellings(label)) else head_of(label, known)
     if head is None:
         return selection
-    return selection.among(select_by_text(scene, [head], negatives, threshold, encode=encode).chosen)
+    return selection.among(select_by_text(scene, [head], negatives, options, encode=encode).chosen)
 
 
 def things_there(scene: Scene) -> dict[str, Selection]:

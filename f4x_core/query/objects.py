@@ -20,104 +20,19 @@ from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
 from .blend_weights import blend_weight_sums
 from .connected_objects import connect
+from .k_means import k_means, means, nearest
 from .kept import Kept
 from .marks import Mark
 from .score import logistic
+from .select_config import MOVING, SELECT, Cutting, GraphConfig, KindConfig, SelectConfig, ThingConfig
 from .smoothing import LOOKS_ALIKE, field_of_looks
 from .standing_out import between, difference
 from .superpixels import static_part
 
-MOVING, STATIC = 1000, 2000
-"""Superpoints of moving and of static Gaussians. With so many, labelling superpoints rather than Gaussians costs 0.02 of IoU, and
-matrices of all pairs stay small."""
-ROUNDS, SAMPLE = 5, 1 << 14
-"""Rounds of k-means, and the rows that they are run on: superpoints need not converge, they only have to be compact."""
-TIMES, GROUPED_BY = 24, 3
-"""Times, evenly over the clip, at which places are compared, as many lives are short; so many of them group Gaussians."""
-VIEWS, GLANCES, COLUMNS = 24, 8, 120
-"""Views, evenly over the clip, in which blend weights are summed, those that show what lies between parts of a thing, and their
-width in pixels."""
-THERE, ABSENT = 0.5, 1e-3
-"""A superpoint is there while so much of it is as this fraction of its most. Who is absent places it where nobody is
-there, else hardly."""
-DIRECTIONS = 16
-"""Principal directions of the features that tell looks apart; the others are noise and cost time."""
-COLOUR = 0.7
-"""Weight of colour (sRGB, 1 = black to white) beside unit features in the distance of two looks."""
-SEEN = 0.5
-"""Weight of features beside place (in its standard deviations) when superpoints of what moves are made; colour counts 1."""
-STANDING = 0.12
-"""Weight of features beside colour in the looks of what stands: they say what a thing is, but blur where it ends."""
-SIGHT, FAR = 8.0, 1.5
-"""Weights of the direction in which what stands is seen (1 = a radian), and of the logarithm of its distance, beside colour:
-with monocular depth, angles from the middle camera compare better than metres."""
-NEIGHBOURS = 12
-"""Minimum number of superpoints that one is bonded to."""
-RIGID, NOISE, LASTING = 0.1, 3.0, 1.5
-"""Two neighbours move as one where their distance changes by less than `LASTING` times this fraction of it, or times so many
-medians over all neighbours, as fits are not exact. Four filmed clips then stay in one piece, two things that touch do not."""
-TOGETHER = 0.3
-"""Of what differing looks take from the bond of two neighbours, the fraction that it keeps where their distance stays the same:
-a car's bonnet moves with its doors. Chosen on six filmed clips, on which .6 does as well."""
-BLENDING = 2.0
-"""Bonds of full strength from a superpoint that looks like the background behind it to that background."""
-DIFFERS = 0.035
-"""Difference from the background behind (`standing_out.unlike`) for which such a bond is weaker by 1/e."""
-CAST, UNSURE, VOTE = 0.085, 0.02, 0.1
-"""What moves and differs less than `CAST` from the background behind is cast on it: shadows, ripples, reflections. Within about
-`UNSURE` of that the neighbours decide, whose bonds of full strength count `VOTE` beside a superpoint of mean weight."""
-ESCAPE_MOVING, ESCAPE_STATIC = 1e-3, 1e-2
-"""Fraction of the walkers that is lost at every superpoint. What stands has no background to lose them to, and a thing is a
-small part of it."""
-SIZES_MOVING, SIZES_STATIC = (0.02, 1.0), (0.001, 0.3)
-"""Least and greatest fraction of the blend weights that a thing has: the outline of a few superpoints can be weak by chance."""
-MOVING_POINT, MOVING_BOX = 0.2, 0.25
-"""Minimum fraction of the blend weights at the points, or in a box, that belongs to moving Gaussians if a moving thing is meant.
-On four filmed clips, pixels inside true masks are missed as often as those outside are taken at 0.2 (under 1 %, ripples apart)."""
-FILLED_MOVING, FILLED_STATIC = 0.9, 0.7
-"""Least fraction of the blend weights of moving, or of static Gaussians in a box that belongs to the thing: it is drawn around it,
-and not much else moves there."""
-MARKED = 0.3
-"""A superpoint is marked by the negative points when it has this fraction of the blend weights of the most marked one."""
 MOSTLY = 0.5
-"""A superpoint belongs to an exact mark, or to one on what is not meant, that has more than this fraction of its blend weights."""
-HIDDEN = 0.5
-"""Of its mean blend weight in a view: where a frame shows less of a superpoint, it may well lie outside of a box there. What comes
-to light later lies anywhere before: with 0 a mask finds .83 of four filmed things (IoU), with .4 or .7 .89."""
+"""A majority: a superpoint belongs to an exact mark, or to one on what is not meant, that has more of its blend weights."""
 UNSEEN = 1e-4
 """Minimum blend weight of a Gaussian, in pixels."""
-SHOWS = 0.05
-"""Minimum blend weight, in pixels, of a Gaussian of which a picture tells whether it belongs to a static thing."""
-BLOCK = 4096
-"""Gaussians compared with all centres at once: the matrix of their distances stays small."""
-
-
-EDGE = 0.06
-"""Greatest fraction of a thing's blend weights that a loose edge of it has; what is larger is a thing of its own. On four filmed
-clips loose edges of selections have at most .054."""
-CASTER = 0.25
-"""Least fraction of its blend weights of which a piece that touches a thing is taken to have a shadow of its own: smaller ones are
-mostly parts of the shadow that differ from the background more than the rest."""
-STANDS_OUT = 0.1
-"""A Gaussian in a shadow or a loose edge beside a thing belongs to the thing where it differs so much from what is behind it. On
-four filmed clips marks then find .004 more (IoU; .002 with .12 and .085)."""
-
-
-class Cutting(NamedTuple):
-    """Which of the outlines along a walk is that of the thing."""
-
-    contrast: float
-    """Power of the mean strength of the cut bonds, as a fraction of what they could be; the rest is the power of the conductance,
-    the fraction of all bonds that is cut, which favours large things."""
-    clear: float
-    """The first outline as weak as this is meant, or what follows as long as it gets weaker: the weakest of all is that around all
-    that moves, where several things do."""
-
-
-CUT_MOVING, CUT_STATIC = Cutting(0.0, 0.008), Cutting(0.9, 0.0)
-"""On four filmed clips both powers find what moves (IoU .74 and .73); of what stands conductance takes half the picture. `clear`
-was chosen on a fit of breakdance, whose spectators move (IoU of the dancer's superpoints .56 with 0, .77 with .006 to .01; another
-fit parts the dancer by .01 to .02 and gains nothing); half of a thing is cut off by .035 and more (dog, camel, car-shadow)."""
 
 
 class Graph(NamedTuple):
@@ -145,15 +60,13 @@ class Superpoints:
     near: np.ndarray
     """(P,P) float64 in [0, 1]: the bonds if all superpoints looked alike."""
     blend: np.ndarray
-    """(P,) float64 in [0, BLENDING]: bonds to the static background behind, by appearance alone; 0 for what stands itself."""
+    """(P,) float64 in [0, `GraphConfig.blending`]: bonds to the static background behind, by appearance alone; 0 if static."""
     cast: np.ndarray
     """(P,) bool: shadows, ripples and reflections that move over the background."""
-    escape: float = ESCAPE_MOVING
-    """Fraction of the walkers that is lost at every superpoint."""
-    sizes: tuple[float, float] = SIZES_MOVING
-    """Least and greatest fraction of the blend weights that a thing has."""
-    cutting: Cutting = CUT_MOVING
-    """Which of the outlines is meant."""
+    kind: KindConfig = MOVING
+    """How a thing of them is found."""
+    config: SelectConfig = SELECT
+    """The numbers that they were made with."""
     unlike: np.ndarray | None = None
     """(n,) float64: how much each of these Gaussians differs from the background behind it; None: not known."""
     piece: np.ndarray | None = None
@@ -181,7 +94,7 @@ class Superpoints:
 
     def left_over(self, thing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(P,) bool each, outside `thing (P,)` bool: what is cast or a small piece that touches it; other things."""
-        rest = ~thing & ~self.cast
+        limits, rest = self.config.thing, ~thing & ~self.cast
         one, two = np.nonzero(self.near)
         together = rest[one] & rest[two]
         if self.piece is not None:
@@ -189,7 +102,7 @@ class Superpoints:
         component = connect(np.stack([one, two])[:, together], len(thing))
         weight = np.bincount(component, self.weight * rest) / max(self.weight[thing].sum(), UNSEEN)
         touches = np.bincount(component[two[thing[one] & rest[two]]], minlength=len(weight)) > 0
-        edge, other = touches & (weight <= EDGE), ~touches | (weight >= CASTER)
+        edge, other = touches & (weight <= limits.edge), ~touches | (weight >= limits.caster)
         return ~thing & self.cast | rest & edge[component], rest & other[component]
 
     def with_edges(self, thing: np.ndarray, refused: np.ndarray, count: int) -> np.ndarray:
@@ -203,7 +116,7 @@ class Superpoints:
             return own
         loose, others = self.left_over(thing)
         beside = loose & ~refused & (self.near[:, thing].sum(1) > self.near[:, others].sum(1))
-        own[self.rows[beside[self.index] & (self.unlike > STANDS_OUT)]] = 1
+        own[self.rows[beside[self.index] & (self.unlike > self.config.thing.stands_out)]] = 1
         return own
 
     def grow(
@@ -221,29 +134,32 @@ class Superpoints:
         if not marked[free].any():
             return chosen
         blend = np.zeros(len(marked)) if cast else self.blend  # all that is cast blends in
-        open_ = BLENDING * (blend.any() + (doubt is not None)) * np.ones(len(marked))
-        blend = blend if doubt is None else blend + BLENDING * doubt
+        full = self.config.graph.blending
+        open_ = full * (blend.any() + (doubt is not None)) * np.ones(len(marked))
+        blend = blend if doubt is None else blend + full * doubt
         (bonds, out), (near, most) = (
             (between[free][:, free], leaving[free] + between[free][:, ~free].sum(1))
             for between, leaving in ((self.bonds, blend), (self.near, open_))
         )
         # Scaled by what leaves a superpoint: bonds differ by orders of magnitude, and the matrix would be near singular.
-        total = (1 + self.escape) * (bonds.sum(1) + out) + np.finfo(float).tiny
+        total = (1 + self.kind.escape) * (bonds.sum(1) + out) + np.finfo(float).tiny
         scale = np.sqrt(total)
         score = np.linalg.solve(np.eye(len(bonds)) - bonds / scale[:, None] / scale, marked[free] / scale) / scale
         order = np.argsort(-score, kind="stable")
         size = np.cumsum(self.weight[free][order]) / self.weight.sum()
         held = np.cumsum(marked[free][order]) / marked[free].sum()
         # Rounding must not decide.
-        small = (size < self.sizes[0] * (1 - 1e-9)) | (held < filled * (1 - 1e-9))
-        large = size > max(self.sizes[1] * (1 + 1e-9), size[0])
+        small = (size < self.kind.sizes[0] * (1 - 1e-9)) | (held < filled * (1 - 1e-9))
+        large = size > max(self.kind.sizes[1] * (1 + 1e-9), size[0])
         chosen[
-            np.flatnonzero(free)[order[: _sweep((bonds, out), (near, most), order, ~small & ~large, self.cutting)]]
+            np.flatnonzero(free)[order[: _sweep((bonds, out), (near, most), order, ~small & ~large, self.kind.cutting)]]
         ] = True
         return chosen & (self.cast == cast)
 
 
-def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = None) -> np.ndarray | None:
+def point_out(
+    scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = None, config: SelectConfig = SELECT
+) -> np.ndarray | None:
     """(N,) float64: 1 for the Gaussians of the thing that `marks` show (see `marks.Mark`), else 0.
 
     A moving thing where enough blend weights at the first mark on it belong to moving Gaussians, else one that stands: what later
@@ -252,24 +168,25 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
     """
     signs = _signs(scene, marks)
     drawn_on = any(mark.on and not mark.around for mark in marks)
-    on_mover = [_mostly(start, scene.moving, _moving_fraction(marks)) for start in signs.starts]
+    on_mover = [_mostly(start, scene.moving, _moving_fraction(marks, config.thing)) for start in signs.starts]
     moves = on_mover[0]
-    superpoints = graph_of(scene).moving if moves else graph_of(scene).static
+    graph, limits = graph_of(scene, config), config.thing
+    superpoints = graph.moving if moves else graph.static
     if not moves and likely is None and _by_picture(marks):
         aside = [mark for mark, mover in zip(signs.started_by, on_mover, strict=True) if mover]
         return _in_picture(scene, [mark for mark in marks if mark not in aside], superpoints)
     seen, inside, outside = map(superpoints.gather, (signs.seen, signs.inside, signs.outside))
-    against = (outside > inside) & (seen > HIDDEN * superpoints.weight)
+    against = (outside > inside) & (seen > limits.hidden * superpoints.weight)
     refused = np.zeros(len(seen), bool)
     for beside in map(superpoints.gather, signs.beside):
-        refused |= (beside > MARKED * beside.max()) | (beside > MOSTLY * seen)
+        refused |= (beside > limits.marked * beside.max()) | (beside > MOSTLY * seen)
     against |= refused
     held = np.zeros(len(seen), bool)
     for exact in map(superpoints.gather, signs.exact):
         held |= exact > MOSTLY * seen
     held &= ~against & (seen > 0)
     doubt = None if likely is None else 1 - superpoints.means(likely, signs.seen + UNSEEN)
-    filled = 0.0 if drawn_on else FILLED_MOVING if moves else FILLED_STATIC
+    filled = 0.0 if drawn_on else superpoints.kind.filled
     chosen = held
     for start in map(superpoints.gather, signs.starts):
         other = superpoints.apart(np.where(against, 0, start)) if drawn_on else False
@@ -290,9 +207,9 @@ def _by_picture(marks: Sequence[Mark]) -> bool:
 
 def _in_picture(scene: Scene, marks: Sequence[Mark], superpoints: Superpoints) -> np.ndarray | None:
     """`point_out` of what is static, by the pictures of the marked frames; who shows in none is taken with its superpoint."""
-    fraction, seen = static_part(scene, marks)
+    fraction, seen = static_part(scene, marks, superpoints.config.picture)
     around = superpoints.spread(superpoints.means(fraction, seen), len(seen))
-    chosen = (np.where(seen > SHOWS, fraction, around) > MOSTLY) & ~scene.moving
+    chosen = (np.where(seen > superpoints.config.thing.shows, fraction, around) > MOSTLY) & ~scene.moving
     return chosen.astype(float) if chosen.any() else None
 
 
@@ -343,17 +260,17 @@ def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
     return signs
 
 
-def _moving_fraction(marks: Sequence[Mark]) -> float:
+def _moving_fraction(marks: Sequence[Mark], limits: ThingConfig) -> float:
     """Least fraction of the blend weights under `marks` that belongs to moving Gaussians if a moving thing is meant."""
     if any(mark.on and not mark.around for mark in marks):
-        return MOVING_POINT
-    return MOSTLY if all(mark.exact for mark in marks if mark.on) else MOVING_BOX
+        return limits.moving_point
+    return MOSTLY if all(mark.exact for mark in marks if mark.on) else limits.moving_box
 
 
-def graph_of(scene: Scene) -> Graph:
+def graph_of(scene: Scene, config: SelectConfig = SELECT) -> Graph:
     """The superpoints of a scene, cached as long as its static Gaussians live; an edited scene has those of its base."""
     base = scene.base
-    graph = _GRAPHS.get(base.static, base.dynamic, base.features, make=lambda: superpoints_of(base))
+    graph = _GRAPHS.get(base.static, base.dynamic, base.features, config, make=lambda: superpoints_of(base, config))
     return graph if base is scene else Graph(*(_after_edits(part, scene) for part in graph))
 
 
@@ -371,57 +288,62 @@ def _after_edits(superpoints: Superpoints, scene: Scene) -> Superpoints:
     return replace(superpoints, rows=rows, index=there[rows], unlike=unlike)
 
 
-def superpoints_of(scene: Scene) -> Graph:
+def superpoints_of(scene: Scene, config: SelectConfig = SELECT) -> Graph:
     """Group the Gaussians of a scene, moving and static ones by themselves, and bond the groups."""
-    appearance = _appearance(scene)
-    weights, differences = difference(scene, VIEWS, COLUMNS)
+    appearance, graph = _appearance(scene, config.graph), config.graph
+    weights, differences = difference(scene, graph.views, graph.columns)
     weights += UNSEEN
-    moving, static = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
-    tracks = _tracks(scene)
-    index, weight, _, mine = _group(tracks.joint(), appearance[moving], weights[moving], MOVING)
-    ways = tracks.means(index, weights[moving], len(weight))
-    standing = appearance[static] * np.append(np.full(appearance.shape[1] - 3, STANDING), np.ones(3))
-    backdrop, mass, sights, outlines = _group(_sights(scene)[static], standing, weights[static], STATIC)
-    bonds, near = _bonds(ways.apart(), mine)
+    moving = _moving_superpoints(scene, appearance, weights, differences, config)
+    return Graph(moving, _static_superpoints(scene, appearance, weights, config))
+
+
+def _moving_superpoints(
+    scene: Scene, appearance: np.ndarray, weights: np.ndarray, differences: np.ndarray, config: SelectConfig
+) -> Superpoints:
+    """The superpoints of the moving Gaussians, by `appearance (N,C)`, blend `weights (N,)` and these times `differences (N,)`."""
+    graph, rows = config.graph, np.flatnonzero(scene.moving)
+    tracks = _tracks(scene, graph)
+    index, weight, _, looks = _group(tracks.joint(), appearance[rows], weights[rows], graph.moving, graph)
+    ways = tracks.means(index, weights[rows], len(weight))
+    bonds, near = _bonds(ways.apart(), looks, graph.neighbours)
     changes = _changes(ways, near)
-    bonds, piece = _strengthen(bonds, near, changes), _pieces(changes, len(near))
-    apart = differences[moving] / weights[moving]
-    differs = np.bincount(index, differences[moving], len(weight)) / weight
-    blend, cast = BLENDING * np.exp(-((differs / DIFFERS) ** 2)), _cast(differs, weight, bonds)
-    cast &= ~_held(scene, index, ~cast)
+    bonds, piece = _strengthen(bonds, near, changes, graph), _pieces(changes, len(near), graph)
+    differs = np.bincount(index, differences[rows], len(weight)) / weight
+    blend, cast = graph.blending * np.exp(-((differs / graph.differs) ** 2)), _cast(differs, weight, bonds, graph)
+    cast &= ~_held(scene, index, ~cast, graph)
     if weight[cast].sum() > MOSTLY * weight.sum():  # the background holds the things, too, and tells nothing
         cast[:] = False
-    still_bonds, still_near = _bonds(_squares(sights, sights), outlines)
-    none, nobody = np.zeros(len(mass)), np.zeros(len(mass), bool)
-    return Graph(
-        Superpoints(moving, index, weight, bonds, near, blend, cast, unlike=apart, piece=piece),
-        Superpoints(
-            static,
-            backdrop,
-            mass,
-            still_bonds,
-            still_near,
-            none,
-            nobody,
-            escape=ESCAPE_STATIC,
-            sizes=SIZES_STATIC,
-            cutting=CUT_STATIC,
-        ),
+    unlike = differences[rows] / weights[rows]
+    return Superpoints(
+        rows, index, weight, bonds, near, blend, cast, config.thing.moving, config, unlike=unlike, piece=piece
     )
 
 
-def _cast(differs: np.ndarray, weight: np.ndarray, bonds: np.ndarray) -> np.ndarray:
+def _static_superpoints(scene: Scene, appearance: np.ndarray, weights: np.ndarray, config: SelectConfig) -> Superpoints:
+    """The superpoints of the static Gaussians, by `appearance (N,C)` and blend `weights (N,)`."""
+    graph, rows = config.graph, np.flatnonzero(~scene.moving)
+    scale = np.append(np.full(appearance.shape[1] - 3, graph.static_features), np.ones(3))
+    index, weight, sights, looks = _group(
+        _sights(scene, graph)[rows], appearance[rows] * scale, weights[rows], graph.static, graph
+    )
+    bonds, near = _bonds(_squares(sights, sights), looks, graph.neighbours)
+    none, nobody = np.zeros(len(weight)), np.zeros(len(weight), bool)
+    return Superpoints(rows, index, weight, bonds, near, none, nobody, config.thing.static, config)
+
+
+def _cast(differs: np.ndarray, weight: np.ndarray, bonds: np.ndarray, graph: GraphConfig) -> np.ndarray:
     """(P,) bool: superpoints cast on the background, by how much they and their neighbours differ from it, (P,).
 
     A random walk with priors (Grady 2005): a superpoint is like its neighbours in `bonds (P,P)`, and by itself a thing with a
     probability that rises with `differs`; `weight (P,)` says how much that counts.
     """
-    prior, mass = logistic((differs - CAST) / UNSURE), weight * (len(weight) / max(weight.sum(), UNSEEN))
+    prior = logistic((differs - graph.cast) / graph.unsure)
+    mass = weight * (len(weight) / max(weight.sum(), UNSEEN))
     across = np.diag(bonds.sum(1)) - bonds
-    return np.linalg.solve(np.diag(mass) + VOTE * across, mass * prior) < MOSTLY
+    return np.linalg.solve(np.diag(mass) + graph.vote * across, mass * prior) < MOSTLY
 
 
-def _held(scene: Scene, index: np.ndarray, thing: np.ndarray) -> np.ndarray:
+def _held(scene: Scene, index: np.ndarray, thing: np.ndarray, graph: GraphConfig) -> np.ndarray:
     """(P,) bool: superpoints that mostly have something of the superpoints `thing (P,)` bool above and below in the pictures.
 
     A grey shirt before a grey wall is no shadow. `index (n,)`: superpoints of the Gaussians that move.
@@ -431,7 +353,8 @@ def _held(scene: Scene, index: np.ndarray, thing: np.ndarray) -> np.ndarray:
     chosen = np.zeros(len(scene.ids), bool)
     chosen[scene.moving] = thing[index]
     weights, parts = (
-        np.bincount(index, each[scene.moving], len(thing)) for each in between(scene, chosen, GLANCES, COLUMNS)
+        np.bincount(index, each[scene.moving], len(thing))
+        for each in between(scene, chosen, graph.glances, graph.columns)
     )
     return parts > MOSTLY * weights
 
@@ -443,19 +366,20 @@ class _Tracks(NamedTuple):
     """(n,T,3); 1 = the standard deviation of all of them."""
     presence: np.ndarray
     """(n,T) in [0, 1]: how much of each is there."""
+    graph: GraphConfig
 
     def joint(self) -> np.ndarray:
-        """(n,3 `GROUPED_BY`): places at a few times, as one place in a space of so many dimensions."""
-        some = self.places[:, evenly_spaced(self.places.shape[1], GROUPED_BY)]
+        """(n,3 `GraphConfig.grouped_by`): places at a few times, as one place in a space of so many dimensions."""
+        some = self.places[:, evenly_spaced(self.places.shape[1], self.graph.grouped_by)]
         return some.reshape(len(some), 3 * some.shape[1]) / np.sqrt(some.shape[1])
 
     def means(self, index: np.ndarray, weights: np.ndarray, groups: int) -> _Tracks:
         """Of groups of rows, `index (n,)` int, weighted by `weights (n,)` and by who is there; those are there or not."""
-        held = weights[:, None] * (self.presence + ABSENT)
-        places = [_means(index, held[:, t], self.places[:, t], groups) for t in range(held.shape[1])]
-        shares = _means(index, weights, self.presence, groups)
-        there = shares >= THERE * np.maximum(shares.max(1, keepdims=True), 1e-9)
-        return _Tracks(np.stack(places, 1), there.astype(float))
+        held = weights[:, None] * (self.presence + self.graph.absent)
+        places = [means(index, held[:, t], self.places[:, t], groups) for t in range(held.shape[1])]
+        shares = means(index, weights, self.presence, groups)
+        there = shares >= self.graph.present * np.maximum(shares.max(1, keepdims=True), 1e-9)
+        return _Tracks(np.stack(places, 1), there.astype(float), self.graph)
 
     def apart(self) -> np.ndarray:
         """(n,n) mean squared distances over the times at which two are there; infinite for two that never meet."""
@@ -466,64 +390,49 @@ class _Tracks(NamedTuple):
         return np.divide(total, times, out=np.full_like(total, np.inf), where=times > 0)
 
 
-def _tracks(scene: Scene) -> _Tracks:
+def _tracks(scene: Scene, graph: GraphConfig) -> _Tracks:
     """Of the moving Gaussians."""
-    times = [float(time) for time in scene.cameras.times[evenly_spaced(len(scene.cameras), TIMES)]]
+    times = [float(time) for time in scene.cameras.times[evenly_spaced(len(scene.cameras), graph.times)]]
     places = np.stack([scene.posed(time).means[scene.moving] for time in times], 1)
     spread = np.sqrt(places.var(0).sum() / len(times)) if len(places) else 1.0
-    return _Tracks(places / max(spread, 1e-9), np.stack([scene.dynamic.presence(time) for time in times], 1))
+    presence = np.stack([scene.dynamic.presence(time) for time in times], 1)
+    return _Tracks(places / max(spread, 1e-9), presence, graph)
 
 
-def _sights(scene: Scene) -> np.ndarray:
+def _sights(scene: Scene, graph: GraphConfig) -> np.ndarray:
     """(N,4) float64: the direction in which the camera in the middle of the clip sees a Gaussian, and its distance."""
     middle = len(scene.cameras) // 2
     away = scene.posed(float(scene.cameras.times[middle])).means - scene.cameras[middle].center
     far = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-    return np.concatenate([SIGHT * away / far, FAR * np.log(far)], 1)
+    return np.concatenate([graph.sight * away / far, graph.far * np.log(far)], 1)
 
 
-def _appearance(scene: Scene) -> np.ndarray:
+def _appearance(scene: Scene, graph: GraphConfig) -> np.ndarray:
     """(N,C) float32: features of unit length, as far as the scene has any, and weighed colours."""
-    colour = COLOUR * np.clip(spherical_harmonics.rgb_from_dc(scene.posed(0.0).sh[:, 0]), 0, 1)
+    colour = graph.colour * np.clip(spherical_harmonics.rgb_from_dc(scene.posed(0.0).sh[:, 0]), 0, 1)
     field = field_of_looks(scene)
     if field is None:
         return colour.astype(np.float32)
     features = field.decode(LOOKS_ALIKE, scene.latents())
     features = features - features.mean(0)
     features /= np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-9)
-    directions = np.linalg.eigh(features.T @ features)[1][:, -DIRECTIONS:]
+    directions = np.linalg.eigh(features.T @ features)[1][:, -graph.directions :]
     return np.concatenate([features @ directions, colour], 1, dtype=np.float32)
 
 
 def _group(
-    place: np.ndarray, appearance: np.ndarray, weights: np.ndarray, count: int
+    place: np.ndarray, appearance: np.ndarray, weights: np.ndarray, count: int, graph: GraphConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """k-means of n rows: index (n,), weight (k,), mean place (k,…) and looks (k,C) of at most `count` groups, none empty."""
+    """Group n rows by k-means: index (n,), weight (k,), mean place (k,…) and looks (k,C) of at most `count` groups, none empty."""
     if not len(place):
         return np.zeros(0, int), weights, place, appearance
-    joint = np.concatenate([place, SEEN * appearance[:, :-3], appearance[:, -3:] / COLOUR], 1, dtype=np.float32)
-    sample = joint[np.random.default_rng(0).permutation(len(joint))[:SAMPLE]]
-    centres = sample[:count]
-    for _ in range(ROUNDS):
-        index = _nearest(sample, centres)
-        centres = _means(index, np.ones(len(sample)), sample, len(centres)).astype(np.float32)
-    index = np.unique(_nearest(joint, centres), return_inverse=True)[1]
+    looks = [graph.features * appearance[:, :-3], appearance[:, -3:] / graph.colour]
+    joint = np.concatenate([place, *looks], 1, dtype=np.float32)
+    centres = k_means(joint, count, graph.sample, graph.rounds)
+    index = np.unique(nearest(joint, centres), return_inverse=True)[1]
     groups = int(index.max()) + 1
     weight = np.bincount(index, weights, groups)
-    return index, weight, _means(index, weights, place, groups), _means(index, weights, appearance, groups)
-
-
-def _nearest(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """(n,) int: which of `centres (k,D)` is nearest to each of `points (n,D)`, block by block."""
-    half = (centres**2).sum(1) / 2
-    blocks = np.array_split(points, max(1, len(points) // BLOCK))
-    return np.concatenate([(half - block @ centres.T).argmin(1) for block in blocks])
-
-
-def _means(index: np.ndarray, weight: np.ndarray, values: np.ndarray, groups: int) -> np.ndarray:
-    """(groups,C) float64 weighted means of `values (n,C)`; 0 for an empty group."""
-    sums = np.stack([np.bincount(index, weight * column, groups) for column in values.T], 1)
-    return sums / np.maximum(np.bincount(index, weight, groups), 1e-12)[:, None]
+    return index, weight, means(index, weights, place, groups), means(index, weights, appearance, groups)
 
 
 def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -531,14 +440,14 @@ def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.maximum((one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T, 0)
 
 
-def _bonds(far: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _bonds(far: np.ndarray, appearance: np.ndarray, neighbours: int) -> tuple[np.ndarray, np.ndarray]:
     """Bonds (P,P) between neighbours by squared distances `far (P,P)`, and those if all looked alike."""
     # A product of matrices is symmetric but for rounding, which must not decide who is near.
     far = np.maximum(far, far.T)
     np.fill_diagonal(far, np.inf)
     if len(far) < 2:
         return np.zeros(far.shape), np.zeros(far.shape)
-    last = min(NEIGHBOURS, len(far) - 1) - 1
+    last = min(neighbours, len(far) - 1) - 1
     reach = np.partition(far, last, axis=1)[:, last]
     near = (far <= np.maximum(reach[:, None], reach)) & np.isfinite(far)
     if not near.any():
@@ -570,22 +479,23 @@ def _changes(tracks: _Tracks, near: np.ndarray) -> _Changes:
     return _Changes(np.stack([one, two]), change)
 
 
-def _pieces(changes: _Changes, count: int) -> np.ndarray:
+def _pieces(changes: _Changes, count: int, graph: GraphConfig) -> np.ndarray:
     """(P,) int64 piece of each of `count` superpoints, from 0: neighbours stay together while their distance lasts."""
     pairs, change = changes
     if not len(change):
         return np.arange(count)
-    return connect(pairs[:, change <= LASTING * max(RIGID, NOISE * float(np.median(change)))], count)
+    usual = max(graph.rigid, graph.noise * float(np.median(change)))
+    return connect(pairs[:, change <= graph.lasting * usual], count)
 
 
-def _strengthen(bonds: np.ndarray, near: np.ndarray, changes: _Changes) -> np.ndarray:
+def _strengthen(bonds: np.ndarray, near: np.ndarray, changes: _Changes, graph: GraphConfig) -> np.ndarray:
     """`bonds (P,P)`, and part of what differing looks took from them, `near (P,P)`, where two move as one."""
     pairs, change = changes
     if not len(change):
         return bonds
     steady = np.zeros_like(bonds)
-    steady[tuple(pairs)] = np.exp(-((change / max(RIGID, float(np.median(change)))) ** 2))
-    return bonds + TOGETHER * steady * (near - bonds)
+    steady[tuple(pairs)] = np.exp(-((change / max(graph.rigid, float(np.median(change)))) ** 2))
+    return bonds + graph.together * steady * (near - bonds)
 
 
 def _sweep(

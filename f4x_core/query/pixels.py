@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from ..geometry.camera import Camera
-from ..geometry.trajectory import Trajectory
-from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.clouds import COVERED
 from ..scene.view import render
@@ -81,22 +77,6 @@ def coverage_by(scene: Scene, shares: np.ndarray, camera: Camera, time: float, b
     """(H,W) float32 in [0, 1]: how much of each pixel the Gaussians cover at clip time `time`, by its part of `shares (N,)`."""
     drawn = render(scene, camera, time, (), backend, values={"shares": shares[:, None].astype(np.float32)})
     return np.clip(drawn["shares"][..., 0], 0, 1)
-
-
-def mask_video(
-    scene: Scene,
-    selection: Selection,
-    trajectory: Trajectory,
-    backend: str = "auto",
-    soft: bool = False,
-    progress: Progress = silent,
-) -> Iterator[np.ndarray]:
-    """Yield `coverage_image` of every view; above `SHOWN` is the mask."""
-    selection = selection.for_ids(scene.ids)
-    for done, (camera, time) in enumerate(trajectory):
-        progress("mask", done, len(trajectory))
-        yield coverage_image(scene, selection, camera, time, backend, soft)
-    progress("mask", len(trajectory), len(trajectory))
 
 
 def heat_map(image: np.ndarray, score: np.ndarray) -> np.ndarray:

@@ -21,36 +21,11 @@ from .kept import Kept
 from .marks import Mark
 from .pixels import head_map
 from .segmentation import enlarge
+from .select_config import SELECT, PictureConfig
 from .smoothing import LOOKS_ALIKE, field_of_looks, solve
 
-COLUMNS = 480
-"""Width in pixels of the pictures that are cut, whatever the clip's: windows and sizes are those of such pictures."""
-FINE, COARSE = (1, 2), (2, 4, 8)
-"""Sides, in pixels, of the windows whose colours are compared across a border: to find borders, and to weigh them."""
-NOISE = 0.06
-"""Difference of colour (1 = black to white) that counts as a border where both sides are smooth."""
 OPPONENT = np.array([[1 / 3, 1 / 3, 1 / 3], [1.5, -1.5, 0.0], [0.6, 0.6, -1.2]])
 """Light, red against green and yellow against blue of an sRGB colour: tints count more than in sRGB, as they do for the eye."""
-BINS = 12
-"""Of the histogram of each of these three in a superpixel."""
-FAINT, ALIKE, LOOKS = 0.2, 0.15, 0.1
-"""A bond is weaker by 1/e for so much strength of the border, in [0, 1], for so much of a histogram that two do not share, and for
-so much cosine of their `visual` features, where the scene has them."""
-LEAK = 3e-3
-"""Fraction of the walkers that is lost at every superpixel."""
-USUAL, SIZE = np.exp(-5.0), 0.1
-"""The usual size of a thing, as a fraction of the picture, and how much the squared logarithm of another size counts against the
-logarithm of the mean bond that is cut. One point tells no size: without this a click finds .45 of what is meant, with it .52 (mean
-IoU of 38 things on six filmed clips). Twice the weight, or 1.6 times or a part of the size, change that by .03 or less."""
-SPREAD, SPREAD_SIZE = 0.025, 0.3
-"""Marks that are wider or higher than so many widths of the picture tell a size, and the weight that it has in place of `SIZE`."""
-SIZES, GREATEST = (3e-4, 0.6), 0.95
-"""Least and greatest fraction of the picture that is meant, and the greatest where marks tell a size."""
-MARKED, HELD = 0.3, 0.5
-"""A superpixel is marked as not meant by this fraction of the pixels in the most marked one; least fraction of each mark
-on the thing that it holds."""
-HIDDEN = 0.5
-"""A superpixel with more than this fraction of moving Gaussians shows nothing static."""
 TOLERANCE, STEPS = 1e-9, 2000
 """Of the conjugate gradients: far from the click scores are small, and their order counts."""
 
@@ -59,24 +34,24 @@ TOLERANCE, STEPS = 1e-9, 2000
 class _Size:
     """How large the thing is that marks mean, as a fraction of the picture."""
 
-    usual: float = float(USUAL)
+    usual: float
     """The likeliest size."""
-    weight: float = SIZE
-    """How much the squared logarithm of another size counts (see `SIZE`)."""
-    most: float = SIZES[1]
+    weight: float
+    """How much the squared logarithm of another size counts (`PictureConfig.size`)."""
+    most: float
     """The greatest one."""
 
     @classmethod
-    def of_marks(cls, on: np.ndarray) -> _Size:
+    def of_marks(cls, on: np.ndarray, config: PictureConfig) -> _Size:
         """What marks `on (H,W)` bool tell: a click nothing; several, or a stroke, that it is about as large as the box around them.
 
         On six filmed clips five clicks find .58 of 38 things (.54 if they count for no size), a stroke .56.
         """
         rows, columns = np.nonzero(on)
         high, wide = np.ptp(rows) + 1, np.ptp(columns) + 1
-        if max(high, wide) <= SPREAD * on.shape[1]:
-            return cls()
-        return cls(max(cls.usual, float(high * wide / on.size)), SPREAD_SIZE, GREATEST)
+        if max(high, wide) <= config.spread * on.shape[1]:
+            return cls(config.usual, config.size, config.sizes[1])
+        return cls(max(config.usual, float(high * wide / on.size)), config.spread_size, config.greatest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +66,8 @@ class Superpixels:
     """(E,) float64: pixels along their common border; 0 for pairs with what moves, which says nothing of where a thing ends."""
     bond: np.ndarray
     """(E,) float64: the same, each pixel weighted by how faint the border is."""
+    config: PictureConfig = SELECT.picture
+    """The numbers that it was cut with."""
 
     def meant(self, on: Sequence[np.ndarray], beside: np.ndarray) -> np.ndarray:
         """(H,W) bool: the part that all marks `on`, (H,W) bool each, mean and `beside (H,W)` bool does not.
@@ -100,7 +77,7 @@ class Superpixels:
         count = int(self.label.max()) + 1
         starts = np.stack([np.bincount(self.label[mark], minlength=count) for mark in on]).astype(float)
         start, stop = starts.sum(0), np.bincount(self.label[beside], minlength=count).astype(float)
-        free = (stop < MARKED * max(stop.max(), 1)) | (start >= stop)
+        free = (stop < self.config.marked * max(stop.max(), 1)) | (start >= stop)
         score = self._walk(start * free, free)
         order = np.flatnonzero(score > 0)[np.argsort(-score[score > 0], kind="stable")]
         if not len(order):
@@ -110,14 +87,14 @@ class Superpixels:
         cut, length = (self._cut(rank, values)[: len(order)] for values in (self.bond, self.length))
         area = np.bincount(self.label.ravel())
         size = np.cumsum(area[order]) / self.label.size
-        expected = _Size.of_marks(np.any(on, 0))
-        held = (starts[:, order].cumsum(1) >= HELD * starts[:, order].sum(1, keepdims=True)).all(0)
+        expected = _Size.of_marks(np.any(on, 0), self.config)
+        held = (starts[:, order].cumsum(1) >= self.config.held * starts[:, order].sum(1, keepdims=True)).all(0)
         # An outline that movers hide altogether says nothing.
         faint = np.where(length > 0, np.maximum(cut, 1e-12) / np.maximum(length, 1), 1)
         worth = np.log(faint) + expected.weight * np.log(size / expected.usual) ** 2
-        fits = held & (size >= SIZES[0]) & (size <= expected.most)
+        fits = held & (size >= self.config.sizes[0]) & (size <= expected.most)
         last = int(np.argmin(np.where(fits, worth, np.inf)) if fits.any() else np.argmax(held))
-        under = (starts > HELD * area).any(0) & (start > stop)  # a stroke keeps what it covers
+        under = (starts > self.config.held * area).any(0) & (start > stop)  # a stroke keeps what it covers
         return ((rank <= last) | under)[self.label]
 
     def _walk(self, start: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -126,7 +103,7 @@ class Superpixels:
             return start
         ends = np.concatenate([self.pairs, self.pairs[::-1]], 1)
         bond = np.concatenate([self.bond, self.bond])
-        degree = (1 + LEAK) * np.bincount(ends[0], bond, len(start)) + 1e-12
+        degree = (1 + self.config.leak) * np.bincount(ends[0], bond, len(start)) + 1e-12
         held = bond * free[ends].all(0)
 
         def apply(x: np.ndarray) -> np.ndarray:
@@ -144,7 +121,9 @@ class Superpixels:
 _PICTURES: Kept[dict[int, Superpixels]] = Kept()
 
 
-def static_part(scene: Scene, marks: Sequence[Mark]) -> tuple[np.ndarray, np.ndarray]:
+def static_part(
+    scene: Scene, marks: Sequence[Mark], config: PictureConfig = SELECT.picture
+) -> tuple[np.ndarray, np.ndarray]:
     """(fraction (N,) in [0, 1], sum (N,) in pixels): how much of each Gaussian's blend weights lies in what `marks` mean.
 
     On each frame that has marks on the thing the part of the picture that they mean together (`Superpixels.meant`).
@@ -152,7 +131,7 @@ def static_part(scene: Scene, marks: Sequence[Mark]) -> tuple[np.ndarray, np.nda
     size = (scene.cameras.height, scene.cameras.width)
     parts = {}
     for frame in sorted({mark.frame for mark in marks if mark.on}):
-        picture = superpixels_of(scene, frame)
+        picture = superpixels_of(scene, frame, config)
         height, width = picture.label.shape
         here = [(mark.on, resize_nearest(mark.pixels(size), width, height)) for mark in marks if mark.frame == frame]
         beside = np.any([np.zeros((height, width), bool), *(at for on, at in here if not on)], 0)
@@ -160,35 +139,39 @@ def static_part(scene: Scene, marks: Sequence[Mark]) -> tuple[np.ndarray, np.nda
     return lift_masks(scene, parts)
 
 
-def superpixels_of(scene: Scene, frame: int, backend: str = "auto") -> Superpixels:
+def superpixels_of(
+    scene: Scene, frame: int, config: PictureConfig = SELECT.picture, backend: str = "auto"
+) -> Superpixels:
     """The superpixels of what clip `frame` shows of the scene; kept as long as the scene lives."""
-    pictures = _PICTURES.get(scene, make=dict)
+    pictures = _PICTURES.get(scene, config, make=dict)
     if frame not in pictures:
-        camera, time = scene.cameras[frame].of_width(COLUMNS), float(scene.cameras.times[frame])
+        camera, time = scene.cameras[frame].of_width(config.columns), float(scene.cameras.times[frame])
         values = {"moving": scene.moving[:, None].astype(np.float32)}
         drawn = render(scene, camera, time, ("rgb",), backend, values=values)
         looks = None if field_of_looks(scene) is None else head_map(scene, LOOKS_ALIKE, camera, time, backend)
-        pictures[frame] = cut_picture(drawn["rgb"], drawn["moving"][..., 0], looks)
+        pictures[frame] = cut_picture(drawn["rgb"], drawn["moving"][..., 0], looks, config)
     return pictures[frame]
 
 
-def cut_picture(rgb: np.ndarray, moving: np.ndarray, looks: np.ndarray | None = None) -> Superpixels:
+def cut_picture(
+    rgb: np.ndarray, moving: np.ndarray, looks: np.ndarray | None = None, config: PictureConfig = SELECT.picture
+) -> Superpixels:
     """Cut a picture `rgb (H,W,3)` of which the fraction `moving (H,W)` moves, with features `looks (h,w,C)` or none."""
     colour = np.clip(rgb, 0, 1).astype(np.float64) @ OPPONENT.T
-    label = basins(*_borders(colour, FINE))
+    label = basins(*_borders(colour, config.fine, config.noise))
     area = np.bincount(label.ravel()).astype(float)
-    pairs, strength, length = _neighbours(label, *_borders(colour, COARSE))
-    shows = np.bincount(label.ravel(), moving.ravel()) <= HIDDEN * area
+    pairs, strength, length = _neighbours(label, *_borders(colour, config.coarse, config.noise))
+    shows = np.bincount(label.ravel(), moving.ravel()) <= config.hidden * area
     length *= shows[pairs].all(0)
-    shared = np.minimum(*_histograms(colour, label)[pairs]).sum(1)
-    unlike = strength / FAINT + (1 - shared) / ALIKE
+    shared = np.minimum(*_histograms(colour, label, config.bins)[pairs]).sum(1)
+    unlike = strength / config.faint + (1 - shared) / config.alike
     if looks is not None:
         fine = np.stack([enlarge(channel, (len(label), label.shape[1])) for channel in np.moveaxis(looks, -1, 0)], -1)
         mean = np.stack([np.bincount(label.ravel(), channel.ravel()) for channel in np.moveaxis(fine, -1, 0)], 1)
         mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
         one, two = mean[pairs]
-        unlike += (1 - np.einsum("ec,ec->e", one, two)) / LOOKS
-    return Superpixels(label, pairs, length, length * np.exp(-unlike))
+        unlike += (1 - np.einsum("ec,ec->e", one, two)) / config.looks
+    return Superpixels(label, pairs, length, length * np.exp(-unlike), config)
 
 
 def basins(across: np.ndarray, down: np.ndarray) -> np.ndarray:
@@ -217,21 +200,21 @@ def basins(across: np.ndarray, down: np.ndarray) -> np.ndarray:
     return np.unique(to, return_inverse=True)[1].reshape(steep.shape)
 
 
-def _borders(colour: np.ndarray, sides: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _borders(colour: np.ndarray, sides: tuple[int, ...], noise: float) -> tuple[np.ndarray, np.ndarray]:
     """(H,W-1), (H-1,W) in [0, 1]: how much the colours (H,W,C) left and right, above and below differ, mean over windows."""
-    across = np.mean([_differ(colour, side) for side in sides], 0)
-    down = np.mean([_differ(colour.swapaxes(0, 1), side).T for side in sides], 0)
+    across = np.mean([_differ(colour, side, noise) for side in sides], 0)
+    down = np.mean([_differ(colour.swapaxes(0, 1), side, noise).T for side in sides], 0)
     return across, down
 
 
-def _differ(colour: np.ndarray, side: int) -> np.ndarray:
+def _differ(colour: np.ndarray, side: int, noise: float) -> np.ndarray:
     """(H,W-1) in [0, 1]: the difference of mean colours in windows left and right, against the variance within them."""
     values = np.concatenate([colour, colour**2], -1)
     tall = (-(side // 2), side // 2) if side > 1 else (0, 0)
     left, right = _box(values, tall, (1 - side, 0)), _box(values, tall, (1, side))
     channels = colour.shape[-1]
     variance = sum(np.maximum(part[..., channels:] - part[..., :channels] ** 2, 0) for part in (left, right))
-    squares = (left[..., :channels] - right[..., :channels]) ** 2 / (NOISE**2 + variance)
+    squares = (left[..., :channels] - right[..., :channels]) ** 2 / (noise**2 + variance)
     return 1 - np.exp(-squares.sum(-1)[:, :-1] / 2)
 
 
@@ -264,16 +247,16 @@ def _neighbours(label: np.ndarray, across: np.ndarray, down: np.ndarray) -> tupl
     return np.stack(np.divmod(keys, count)), strength, length
 
 
-def _histograms(colour: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """(P,C `BINS`): histograms of the colours (H,W,C) of superpixels; each row adds up to 1."""
+def _histograms(colour: np.ndarray, label: np.ndarray, bins: int) -> np.ndarray:
+    """(P,C bins): histograms of the colours (H,W,C) of superpixels; each row adds up to 1."""
     count, channels = int(label.max()) + 1, colour.shape[-1]
     span = np.abs(OPPONENT).sum(1) / 2
     low = np.minimum(OPPONENT, 0).sum(1)
-    place = (colour - low) / (2 * span) * (BINS - 1)
-    lower = np.clip(place.astype(int), 0, BINS - 2)
+    place = (colour - low) / (2 * span) * (bins - 1)
+    lower = np.clip(place.astype(int), 0, bins - 2)
     part = place - lower
-    cell = (label[..., None] * channels + np.arange(channels)) * BINS + lower
-    size = count * channels * BINS
+    cell = (label[..., None] * channels + np.arange(channels)) * bins + lower
+    size = count * channels * bins
     sums = np.bincount(cell.ravel(), (1 - part).ravel(), size) + np.bincount(cell.ravel() + 1, part.ravel(), size)
     found = sums.reshape(count, -1)
     return found / found.sum(1, keepdims=True)

@@ -58,7 +58,8 @@ def test_every_way_to_select_is_scored():
     masks = {t: square_mask(float(t)) for t in range(FRAMES)}
     rows = score_selecting(labelled_scene(), masks, "square")
     assert set(rows) == {"mask", "mask on the graph", "click", "box", "nothing", "word"}
-    assert all(row["J"] == row["worst J"] == row["F"] == 1 for row in rows.values())
+    # Of pixels that the square covers in part, a refined outline may take some more.
+    assert all(row["F"] == 1 and row["worst J"] > 0.98 for row in rows.values())
     refused = score_selecting(labelled_scene(), masks, "unicorn")["word"]
     assert set(refused) == {"refused"} and "lacks 'unicorn'" in refused["refused"]
 

@@ -18,7 +18,8 @@ from f4x_core.edit.stack import EditStack, of, with_stack, write_stack
 from f4x_core.edit.uncovered import uncovered
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.query.neighbourhood import grow_selection
-from f4x_core.query.prompts import FollowConfig, select_by_prompts, select_by_text
+from f4x_core.query.prompts import SelectOptions, select_by_prompts, select_by_text
+from f4x_core.query.select_config import FollowConfig, SelectConfig
 from f4x_core.scene import MADE_UP, read_scene, write_scene
 
 from .artist import perform
@@ -195,7 +196,7 @@ def test_a_click_and_a_box_select_as_the_core_does(done, scene, name):
     chosen, square = done[2][f"{name}/chosen"], done[2]["square/chosen"]
     point, box = pixel_of_square(scene)
     prompt = {"points": [point]} if name == "point" else {"box": box}
-    found = select_by_prompts(scene, {FRAME: prompt}, config=FollowConfig(lifted=0))
+    found = select_by_prompts(scene, {FRAME: prompt}, SelectOptions(config=SelectConfig(follow=FollowConfig(lifted=0))))
     np.testing.assert_array_equal(chosen, found.chosen)
     assert (chosen & square).sum() / (chosen | square).sum() > 0.5
 

@@ -15,7 +15,7 @@ from f4x_core.query.calibration import evidence, split
 from f4x_core.query.labels import BACKGROUND, ask_for
 from f4x_core.query.leakage import largest_region, leakage
 from f4x_core.query.pixels import label_scores
-from f4x_core.query.prompts import select_by_text
+from f4x_core.query.prompts import SelectOptions, select_by_text
 from f4x_core.query.score import select
 from f4x_core.query.selection import Selection
 from f4x_core.query.smoothing import group, group_of
@@ -86,7 +86,9 @@ def test_a_speckle_is_outvoted_and_an_edge_is_not(scene):
     static, nodes, low, step = quantise(static.astype(np.float32), nodes)
     field = replace(scene.features, static=static, nodes=nodes, low=low, step=step, heads=heads)
     noisy = replace(scene, features=field)
-    assert select_by_text(noisy, ["square"], calibrated=False).chosen[: len(static)].mean() > 0.15
+    assert (
+        select_by_text(noisy, ["square"], options=SelectOptions(calibrated=False)).chosen[: len(static)].mean() > 0.15
+    )
     np.testing.assert_array_equal(select_by_text(noisy, ["square"]).chosen, is_square(scene))
 
 
@@ -174,13 +176,17 @@ def test_a_surface_is_found_by_what_speaks_for_it_alone(scene):
 def test_the_rule_of_feature4x_stays(scene):
     query = ask_for(scene, ["square"])
     expected = select(label_scores(query, scene.latents()), 0)
-    np.testing.assert_array_equal(select_by_text(scene, ["square"], calibrated=False).chosen, expected)
+    np.testing.assert_array_equal(
+        select_by_text(scene, ["square"], options=SelectOptions(calibrated=False)).chosen, expected
+    )
 
 
 def test_without_a_null_vector_the_rule_decides():
     scene = labelled_scene()
     assert null_vector("words") is None
-    with_rule, default = (select_by_text(scene, ["square"], calibrated=kind) for kind in (False, True))
+    with_rule, default = (
+        select_by_text(scene, ["square"], options=SelectOptions(calibrated=kind)) for kind in (False, True)
+    )
     np.testing.assert_array_equal(with_rule.scores, default.scores)
     assert default.wins.any()
 

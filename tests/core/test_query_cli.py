@@ -50,7 +50,9 @@ def test_query_writes_what_it_found(folder, capsys, tmp_path):
     saved = Selection.from_json(json.loads((tmp_path / "selection.json").read_text()))
     assert saved.chosen.sum() == told["chosen"]
     masks = [np.asarray(Image.open(file)) > 0 for file in sorted((tmp_path / "mask").glob("*.png"))]
-    assert [overlap(mask, square_mask(float(t))) for t, mask in enumerate(masks)] == [1] * FRAMES
+    # Of pixels that the square covers in part, a refined outline may take some more.
+    assert len(masks) == FRAMES
+    assert min(overlap(mask, square_mask(float(t))) for t, mask in enumerate(masks)) > 0.98
     assert (tmp_path / "heat.mp4").stat().st_size > 0
 
 
@@ -65,7 +67,7 @@ def test_a_click_and_a_word_and_a_click_beside_go_together(folder, capsys, monke
         code, out, _ = run(capsys, "query", folder / "scene.f4x", *click, *more)
         found = json.loads(out)
         assert code == 0 and found["chosen"] > 0 and found["static"] == 0
-    monkeypatch.setattr(prompts, "point_out", lambda *evidence: None)
+    monkeypatch.setattr(prompts, "point_out", lambda *evidence, **config: None)
     code, _, err = run(capsys, "query", folder / "scene.f4x", *click, "--beside", "60,5")
     assert code == 2 and "Nothing is left of what is marked" in err
 
@@ -139,7 +141,7 @@ def test_render_shows_the_mask_of_a_label(folder, capsys, tmp_path):
     )
     assert code == 0, err
     mask = np.asarray(Image.open(tmp_path / "mask_square" / "00002.png")) > 127
-    assert overlap(mask, square_mask(2.0)) > 0.99
+    assert overlap(mask, square_mask(2.0)) > 0.98
     without = tmp_path / "without.f4x"
     assert run(capsys, "edit", folder / "scene.f4x", "--say", "delete the square", "-o", without)[0] == 0
     code, out, _ = run(capsys, "render", without, "--channels", "mask:square", "-o", tmp_path / "r", "--frames", "0:1")

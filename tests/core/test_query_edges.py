@@ -1,5 +1,7 @@
 """Loose edges that stand out belong to a thing, and a mask decides what it shows clearly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from two_shadows import two_with_shadows
@@ -7,11 +9,11 @@ from two_shadows import two_with_shadows
 from f4x_core.edit.apply import with_operations
 from f4x_core.edit.operations import Duplicate
 from f4x_core.edit.selects import Moving
-from f4x_core.query import objects, prompts
 from f4x_core.query.cast import cast_of, without_shadow
 from f4x_core.query.marks import Mask, Point
 from f4x_core.query.objects import graph_of
-from f4x_core.query.prompts import select_by_evidence, select_by_mask
+from f4x_core.query.prompts import SelectOptions, select_by_evidence, select_by_mask
+from f4x_core.query.select_config import SELECT
 
 SCENE, SQUARE, SHADOW, OTHER, OTHER_SHADOW = two_with_shadows()
 MOVING = graph_of(SCENE).moving
@@ -23,7 +25,7 @@ def superpoints_of(rows):
 
 
 @pytest.mark.parametrize("refused", [False, True])
-def test_what_stands_out_beside_a_thing_belongs_to_it(refused, monkeypatch):
+def test_what_stands_out_beside_a_thing_belongs_to_it(refused):
     """A corner that a search left out comes back, unless it was marked as not meant; nothing of the other square does."""
     x, y, _ = SCENE.posed(0.0).means.T
     lost = superpoints_of(SQUARE & (x + y < np.quantile((x + y)[SQUARE], 0.03)))
@@ -31,8 +33,8 @@ def test_what_stands_out_beside_a_thing_belongs_to_it(refused, monkeypatch):
     thing = superpoints_of(SQUARE) & ~lost
     found = MOVING.with_edges(thing, lost & refused, COUNT) > 0
     assert found[SQUARE].all() != refused and not found[SHADOW | OTHER | OTHER_SHADOW].any()
-    monkeypatch.setattr(objects, "STANDS_OUT", 2.0)
-    assert not MOVING.with_edges(thing, lost & refused, COUNT)[SQUARE].all()
+    blind = replace(MOVING, config=replace(SELECT, thing=replace(SELECT.thing, stands_out=2.0)))
+    assert not blind.with_edges(thing, lost & refused, COUNT)[SQUARE].all()
 
 
 def test_of_a_shadow_nothing_else_is_taken():
@@ -43,7 +45,7 @@ def test_of_a_shadow_nothing_else_is_taken():
 
 
 @pytest.mark.parametrize("on_the_graph", [False, True])
-def test_a_mask_decides_what_it_shows_clearly(on_the_graph, monkeypatch):
+def test_a_mask_decides_what_it_shows_clearly(on_the_graph):
     """A mask of the square without its left columns, which a search by looks would take."""
     frame = 2
     camera, posed = SCENE.cameras[frame], SCENE.posed(float(frame))
@@ -51,13 +53,12 @@ def test_a_mask_decides_what_it_shows_clearly(on_the_graph, monkeypatch):
     mask = np.zeros((SCENE.cameras.height, SCENE.cameras.width), bool)
     x, y = np.floor(pixels[SQUARE]).astype(int).T
     mask[y.min() - 3 : y.max() + 4, x.min() + 3 : x.max() + 4] = True
-    monkeypatch.setattr(prompts, "SEEN", 0.3)
+    options = SelectOptions(config=replace(SELECT, thing=replace(SELECT.thing, seen=0.3)))
 
     def found():
-        marked = (
-            select_by_evidence(SCENE, [Mask(frame, True, mask)]) if on_the_graph else select_by_mask(SCENE, mask, frame)
-        )
-        return marked.chosen
+        if on_the_graph:
+            return select_by_evidence(SCENE, [Mask(frame, True, mask)], options=options).chosen
+        return select_by_mask(SCENE, mask, frame, options).chosen
 
     left_out = SQUARE & (pixels[:, 0] < x.min() + 1.5)
     inside = SQUARE & (pixels[:, 0] > x.min() + 5)

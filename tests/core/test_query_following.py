@@ -10,9 +10,10 @@ from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.query import following, not_deleted, prompts, views
-from f4x_core.query.following import FollowConfig, draw_views, follow_thing
+from f4x_core.query.following import draw_views, follow_thing
 from f4x_core.query.labels import ask_for
 from f4x_core.query.prompts import (
+    SelectOptions,
     at_clip_size,
     select_by_mask,
     select_by_points,
@@ -20,7 +21,11 @@ from f4x_core.query.prompts import (
     select_by_text,
     text_selection,
 )
+from f4x_core.query.select_config import SELECT, FollowConfig, SelectConfig
 from f4x_core.query.views import Seen, views_of
+
+PROMPTED = SelectConfig(follow=FollowConfig(lifted=0))
+"""Prompted frames alone are lifted."""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +59,7 @@ class Lifted:
         monkeypatch.setattr(following, "lift_masks", self.lift)
         monkeypatch.setattr(following, "_from_neighbours", self.fill)
         monkeypatch.setattr(following, "views_of", lambda scene: self)
-        monkeypatch.setattr(prompts, "point_out", lambda scene, asked: None)
+        monkeypatch.setattr(prompts, "point_out", lambda scene, asked, config: None)
 
     def lift(self, scene, masks, progress):
         self.masks |= masks
@@ -91,9 +96,9 @@ def test_masks_of_prompted_and_of_followed_frames_are_weighed(scene, monkeypatch
     first = logits(0)
     first[:2] = np.array([0, 0.5])[:, None]  # on the outline, and just inside
     decoder = Decoder({2: first, 3: logits(1)}, {t: logits(10 + t) for t in range(FRAMES)})
-    config = FollowConfig(lifted=4, prompted_weight=5.0, min_blend_weight=0.3, one_kind=0.99)
+    config = SelectConfig(follow=FollowConfig(lifted=4, prompted_weight=5.0, min_blend_weight=0.3, one_kind=0.99))
     asked = {2: {"points": [[3, 3]]}, 3: {"mask": square_mask(3)}}
-    found = select_by_prompts(scene, asked, decoder=decoder, config=config)
+    found = select_by_prompts(scene, asked, SelectOptions(decoder=decoder, config=config))
     assert decoder.asked == list(asked.items())
     assert sorted(lifted.masks) == [2, 3] and lifted.masks[2].dtype == np.float32
     np.testing.assert_array_equal(lifted.masks[2], first > 0)
@@ -112,8 +117,10 @@ def test_masks_of_prompted_and_of_followed_frames_are_weighed(scene, monkeypatch
 
 def test_a_gaussian_that_no_frame_sees_is_not_seen(scene, monkeypatch):
     lifted = Lifted(monkeypatch, scene)
-    config = FollowConfig(min_blend_weight=0.0)
-    found = select_by_prompts(scene, {0: {"mask": square_mask(0)}}, decoder=Decoder({0: logits(0)}, {}), config=config)
+    config = SelectConfig(follow=FollowConfig(min_blend_weight=0.0))
+    found = select_by_prompts(
+        scene, {0: {"mask": square_mask(0)}}, SelectOptions(decoder=Decoder({0: logits(0)}, {}), config=config)
+    )
     np.testing.assert_array_equal(lifted.known, np.arange(len(scene.ids)) >= 40)
     assert (found.scores[:40] == 0.25).all()
 
@@ -121,7 +128,7 @@ def test_a_gaussian_that_no_frame_sees_is_not_seen(scene, monkeypatch):
 def test_prompted_frames_alone_are_quick(scene, monkeypatch):
     lifted = Lifted(monkeypatch, scene)
     decoder = Decoder({0: logits(0)}, None)  # nothing to follow
-    select_by_prompts(scene, {0: {"box": [1, 1, 9, 9]}}, decoder=decoder, config=FollowConfig(lifted=0))
+    select_by_prompts(scene, {0: {"box": [1, 1, 9, 9]}}, SelectOptions(decoder=decoder, config=PROMPTED))
     assert sorted(lifted.masks) == [0] and not lifted.followed
 
 
@@ -140,8 +147,10 @@ def test_prompted_frames_alone_are_quick(scene, monkeypatch):
 def test_a_prompt_of_one_kind_means_that_kind(scene, monkeypatch, fraction, kept):
     lifted = Lifted(monkeypatch, scene)
     moving_fraction(scene, lifted, fraction)
-    config = FollowConfig(one_kind=0.75)
-    found = select_by_prompts(scene, {0: {"mask": square_mask(0)}}, decoder=Decoder({0: logits(0)}, {}), config=config)
+    config = SelectConfig(follow=FollowConfig(one_kind=0.75))
+    found = select_by_prompts(
+        scene, {0: {"mask": square_mask(0)}}, SelectOptions(decoder=Decoder({0: logits(0)}, {}), config=config)
+    )
     means = found.scores > 0
     rows = {"moving": scene.moving, "static": ~scene.moving, "all": np.ones(len(means), bool)}[kept]
     assert not means[~rows].any() and means[rows].mean() > 0.9
@@ -152,14 +161,14 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
     pointed = []
     scores = np.random.default_rng(1).random(len(scene.ids))
     monkeypatch.setattr(
-        prompts, "point_out", lambda scene, asked: pointed.append([mark.frame for mark in asked]) or scores
+        prompts, "point_out", lambda scene, asked, config: pointed.append([mark.frame for mark in asked]) or scores
     )
     point, mask = {"points": [[3, 3]]}, {"mask": square_mask(0)}
-    found = select_by_prompts(scene, {0: point, 2: point}, config=FollowConfig(lifted=0))
+    found = select_by_prompts(scene, {0: point, 2: point}, SelectOptions(config=PROMPTED))
     np.testing.assert_array_equal(found.scores, scores)
     assert pointed == [[0, 2]] and found.label == "what is marked at frame 0, 2" and not found.wins.any()
     decoder = Decoder({0: logits(0), 2: logits(2)}, {})
-    assert select_by_prompts(scene, {0: point}, decoder=decoder).label == "what is marked at frame 0"
+    assert select_by_prompts(scene, {0: point}, SelectOptions(decoder=decoder)).label == "what is marked at frame 0"
     monkeypatch.setattr(prompts, "decoder_of", lambda scene, backend: decoder)
     for asked, label in (
         ({0: mask}, "what is marked at frame 0"),
@@ -167,7 +176,7 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
         ({2: mask, 0: mask}, "what is marked at frame 2, 0"),
     ):
         Lifted(monkeypatch, scene)
-        monkeypatch.setattr(prompts, "point_out", lambda scene, asked: pytest.fail("a mask is no point"))
+        monkeypatch.setattr(prompts, "point_out", lambda scene, asked, config: pytest.fail("a mask is no point"))
         assert select_by_prompts(scene, asked).label == label
 
 
@@ -175,14 +184,14 @@ def test_a_thing_that_was_pointed_out_is_followed_by_its_looks(scene):
     whole = scene.moving.astype(float)
     torn = whole * (np.random.default_rng(0).random(len(whole)) < 0.9)  # superpoints missed a tenth of it
     for frames in ([0], [3, 0, 3]):
-        found = follow_thing(scene, torn, frames, FollowConfig())
+        found = follow_thing(scene, torn, frames)
         assert (found > 0.5)[scene.moving].mean() > 0.95 and not found[~scene.moving].any()
     blind = replace(scene, features=replace(scene.features, heads=scene.features.heads[:1]))
     for kept, chosen, config in (
-        (scene, torn, FollowConfig(lifted=0)),
-        (blind, torn, FollowConfig()),
-        (scene, 1 - whole, FollowConfig()),  # what stands is the same at all times
-        (scene, 0.4 * whole, FollowConfig()),  # nobody fills a pixel
+        (scene, torn, PROMPTED),
+        (blind, torn, SELECT),
+        (scene, 1 - whole, SELECT),  # what stands is the same at all times
+        (scene, 0.4 * whole, SELECT),  # nobody fills a pixel
     ):
         assert follow_thing(kept, chosen, [0], config) is chosen
 
@@ -190,10 +199,10 @@ def test_a_thing_that_was_pointed_out_is_followed_by_its_looks(scene):
 def test_a_span_lies_within_the_clip(scene):
     point = np.argwhere(square_mask(0)).mean(0)[None, ::-1]
     for span in ((0, 5), (0, 0), (5, 5), (1.5, 4)):
-        assert select_by_points(scene, point, 0, span=span).span == span
+        assert select_by_points(scene, point, 0, options=SelectOptions(span=span)).span == span
     for span in ((-0.5, 3), (2, 5.5), (-1, 9), (4, 3)):
         with pytest.raises(F4xError, match="does not lie within"):
-            select_by_points(scene, point, 0, span=span)
+            select_by_points(scene, point, 0, options=SelectOptions(span=span))
 
 
 def test_a_mask_of_numbers_is_where_they_are_above_0(scene):
@@ -224,7 +233,8 @@ def test_the_calibrated_probability_is_the_default(scene, monkeypatch):
     for found in (select_by_text(scene, ["square"]), text_selection(scene, query)):
         np.testing.assert_array_equal(found.scores, probability)
         assert not found.wins.any() and found.label == "square"
-    for found in (select_by_text(scene, ["square"], calibrated=False), text_selection(scene, query, calibrated=False)):
+    rule = SelectOptions(calibrated=False)
+    for found in (select_by_text(scene, ["square"], options=rule), text_selection(scene, query, rule)):
         assert found.wins.any() and not np.array_equal(found.scores, probability)
 
 

@@ -88,7 +88,7 @@ def test_nothing_moves():
 def test_the_graph_is_made_once_and_goes_along_with_edits(monkeypatch):
     scene = labelled_scene()
     graph = graph_of(scene)
-    monkeypatch.setattr(objects, "superpoints_of", lambda scene: pytest.fail("made again"))
+    monkeypatch.setattr(objects, "superpoints_of", lambda scene, config: pytest.fail("made again"))
     assert graph_of(scene) is graph
     edited = with_operations(scene, Duplicate(Moving(), first_id=scene.next_id))
     moving = graph_of(edited).moving

@@ -10,10 +10,11 @@ from random_scene import random_scene
 
 from f4x_core.features.models.prompt import Prompt, check_prompt
 from f4x_core.geometry import spherical_harmonics
-from f4x_core.query import objects
+from f4x_core.query import k_means, objects
 from f4x_core.query.blend_weights import blend_weight_sums
 from f4x_core.query.marks import Box, Brush, Mask, Point, marks_of
-from f4x_core.query.objects import BLENDING, Graph, Superpoints, point_out
+from f4x_core.query.objects import Graph, Superpoints, point_out
+from f4x_core.query.select_config import MOVING, SELECT, STATIC, Cutting
 from f4x_core.query.standing_out import difference
 
 from .test_query_superpoints import pieces
@@ -32,6 +33,7 @@ def test_a_decoders_prompt_says_where_the_thing_is(prompt: Prompt, kinds):
     assert [(type(mark), mark.on) for mark in marks] == kinds and {mark.frame for mark in marks} == {3}
 
 
+GRAPH = SELECT.graph
 TWO_BLEND = np.array([0.0, 0.0, 0.5, 0.5])
 """Of four superpoints the last two look like the background, so that the whole of them is no thing."""
 RNG = np.random.default_rng(5)
@@ -50,7 +52,7 @@ def chain(weights, strengths, **fields):
 
 def test_a_scene_is_seen_by_direction_and_logarithm_of_distance():
     scene = random_scene(1)
-    found = objects._sights(scene)
+    found = objects._sights(scene, GRAPH)
     camera = scene.cameras[3]
     for row, mean in enumerate(scene.posed(float(scene.cameras.times[3])).means):
         away = mean - np.linalg.inv(camera.world_to_camera)[:3, 3]
@@ -60,7 +62,7 @@ def test_a_scene_is_seen_by_direction_and_logarithm_of_distance():
 
 def test_looks_are_unit_features_about_their_mean_beside_weighed_colour():
     scene = labelled_scene()
-    found = objects._appearance(scene)
+    found = objects._appearance(scene, GRAPH)
     features = scene.features.decode("visual", scene.latents())
     features = features - features.mean(0)
     features /= np.linalg.norm(features, axis=1, keepdims=True)
@@ -68,14 +70,14 @@ def test_looks_are_unit_features_about_their_mean_beside_weighed_colour():
     np.testing.assert_allclose(found[some, :-3] @ found[some, :-3].T, features[some] @ features[some].T, atol=1e-4)
     colour = np.clip(spherical_harmonics.rgb_from_dc(scene.posed(0.0).sh[:, 0]), 0, 1)
     np.testing.assert_allclose(found[:, -3:], 0.7 * colour, atol=1e-6)
-    np.testing.assert_allclose(objects._appearance(labelled_scene(features=False)), 0.7 * colour, atol=1e-6)
+    np.testing.assert_allclose(objects._appearance(labelled_scene(features=False), GRAPH), 0.7 * colour, atol=1e-6)
 
 
 def test_only_the_sixteen_main_directions_of_features_are_kept(monkeypatch):
     scene = labelled_scene()
     wide = RNG.normal(size=(len(scene.ids), 24)) * np.linspace(0.1, 2, 24)
     monkeypatch.setattr(type(scene.features), "decode", lambda self, name, latents: wide)
-    found = objects._appearance(scene)[:, :-3]
+    found = objects._appearance(scene, GRAPH)[:, :-3]
     unit = wide - wide.mean(0)
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     strength = np.sort(np.linalg.eigvalsh(unit.T @ unit))[-16:]
@@ -87,10 +89,10 @@ def test_squares_and_means_and_the_nearest():
     one, other = RNG.normal(size=(7, 3)), RNG.normal(size=(4, 3))
     plain = ((one[:, None] - other) ** 2).sum(2)
     np.testing.assert_allclose(objects._squares(one, other), plain, atol=1e-12)
-    many = RNG.normal(size=(2 * objects.BLOCK + 5, 3))
-    np.testing.assert_array_equal(objects._nearest(many, other), ((many[:, None] - other) ** 2).sum(2).argmin(1))
+    many = RNG.normal(size=(2 * k_means.BLOCK + 5, 3))
+    np.testing.assert_array_equal(k_means.nearest(many, other), ((many[:, None] - other) ** 2).sum(2).argmin(1))
     index, weight = np.array([0, 2, 0, 2, 2, 0, 0]), RNG.random(7)
-    found = objects._means(index, weight, one, 3)
+    found = k_means.means(index, weight, one, 3)
     for group in (0, 2):
         np.testing.assert_allclose(found[group], np.average(one[index == group], 0, weight[index == group]))
     assert not found[1].any()
@@ -98,7 +100,7 @@ def test_squares_and_means_and_the_nearest():
 
 def test_groups_are_a_plain_k_means():
     place, looks, weight = RNG.normal(size=(50, 2)), RNG.random((50, 5)), RNG.random(50)
-    index, mass, centres, mine = objects._group(place, looks, weight, 6)
+    index, mass, centres, mine = objects._group(place, looks, weight, 6, GRAPH)
     joint = np.hstack([place, 0.5 * looks[:, :2], looks[:, 2:] / 0.7]).astype(np.float32)
     mixed = joint[np.random.default_rng(0).permutation(50)]
     middles = mixed[:6]
@@ -115,13 +117,13 @@ def test_groups_are_a_plain_k_means():
 
 
 def test_no_rows_make_no_groups():
-    index, mass, centres, mine = objects._group(np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0), 6)
+    index, mass, centres, mine = objects._group(np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0), 6, GRAPH)
     assert index.dtype.kind == "i" and [len(part) for part in (index, mass, centres, mine)] == [0, 0, 0, 0]
 
 
 def test_bonds_fall_with_distance_and_with_looks():
     place, looks = RNG.normal(size=(20, 3)), RNG.normal(size=(20, 4))
-    bonds, close = objects._bonds(objects._squares(place, place), looks)
+    bonds, close = objects._bonds(objects._squares(place, place), looks, GRAPH.neighbours)
     far = ((place[:, None] - place) ** 2).sum(2)
     np.fill_diagonal(far, np.inf)
     unlike = ((looks[:, None] - looks) ** 2).sum(2)
@@ -136,16 +138,16 @@ def test_bonds_fall_with_distance_and_with_looks():
 
 
 def test_bonds_of_few():
-    bonds, close = objects._bonds(1 - np.eye(2), np.array([[0.0], [2.0]]))
+    bonds, close = objects._bonds(1 - np.eye(2), np.array([[0.0], [2.0]]), 12)
     np.testing.assert_allclose(bonds, np.exp(-2) * (1 - np.eye(2)))
     assert close[0, 1] == pytest.approx(np.exp(-1))
-    bonds, close = objects._bonds(np.zeros((1, 1)), np.zeros((1, 3)))
+    bonds, close = objects._bonds(np.zeros((1, 1)), np.zeros((1, 3)), 12)
     assert not bonds.any() and not close.any()
 
 
 def always(places):
     """Tracks of superpoints that are always there."""
-    return objects._Tracks(places, np.ones(places.shape[:2]))
+    return objects._Tracks(places, np.ones(places.shape[:2]), GRAPH)
 
 
 def test_pieces_are_what_keeps_its_distances():
@@ -183,10 +185,10 @@ def test_what_is_absent_keeps_no_distance():
     """One of two goes away when the other is gone; two that never meet are no neighbours."""
     places = np.zeros((3, 4, 3))
     places[:, :, 0] = [[0, 0, 0, 9], [1, 1, 1, 1], [2, 2, 2, 2]]
-    tracks = objects._Tracks(places, np.array([[1.0, 1, 1, 0], [1, 1, 1, 1], [0, 0, 0, 1]]))
+    tracks = objects._Tracks(places, np.array([[1.0, 1, 1, 0], [1, 1, 1, 1], [0, 0, 0, 1]]), GRAPH)
     far = tracks.apart()
     np.testing.assert_allclose(far, [[0, 1, np.inf], [1, 0, 1], [np.inf, 1, 0]])
-    bonds, near = objects._bonds(far, np.zeros((3, 2)))
+    bonds, near = objects._bonds(far, np.zeros((3, 2)), 12)
     np.testing.assert_allclose(near, np.exp(-1) * np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]]))
     np.testing.assert_allclose(bonds, near)
     row = np.zeros((6, 4, 3))
@@ -195,16 +197,16 @@ def test_what_is_absent_keeps_no_distance():
     gone = np.ones((6, 4))
     gone[0, 3] = 0
     chained = np.eye(6, k=1) + np.eye(6, k=-1)
-    assert pieces(objects._Tracks(row, gone), chained).tolist() == [0] * 6
+    assert pieces(objects._Tracks(row, gone, GRAPH), chained).tolist() == [0] * 6
     assert pieces(always(row), chained).tolist() == [0] + [1] * 5
-    parted = objects._Tracks(places, np.eye(3, 4))
-    assert not objects._bonds(parted.apart(), np.zeros((3, 2)))[1].any()
+    parted = objects._Tracks(places, np.eye(3, 4), GRAPH)
+    assert not objects._bonds(parted.apart(), np.zeros((3, 2)), 12)[1].any()
 
 
 def test_a_superpoint_is_where_those_are_who_are_there():
     places = np.arange(24.0).reshape(4, 2, 3)
     presence = np.array([[1.0, 0], [0.5, 0], [0, 1], [0, 0.4]])
-    found = objects._Tracks(places, presence).means(np.array([0, 0, 0, 1]), np.array([1.0, 2, 1, 5]), 2)
+    found = objects._Tracks(places, presence, GRAPH).means(np.array([0, 0, 0, 1]), np.array([1.0, 2, 1, 5]), 2)
     np.testing.assert_allclose(found.places[0, 0], (places[0, 0] + places[1, 0]) / 2, rtol=0.01)
     np.testing.assert_allclose(found.places[0, 1], places[2, 1], rtol=0.01)
     np.testing.assert_allclose(found.places[1], places[3])  # where nobody is there, the absent ones
@@ -235,17 +237,17 @@ def test_the_weakest_outline_weighs_conductance_and_contrast_and_of_weak_ones_th
         (cut, volume), (limit, _) = objects._cuts(bonds, out, order), objects._cuts(near, most, order)
         value = (cut / limit) ** contrast * (cut / volume) ** (1 - contrast)
         best = min(np.flatnonzero(fits), key=lambda size: value[size])
-        assert objects._sweep((bonds, out), (near, most), order, fits, objects.Cutting(contrast, 0.0)) == best + 1
+        assert objects._sweep((bonds, out), (near, most), order, fits, Cutting(contrast, 0.0)) == best + 1
         best = next(size for size in np.flatnonzero(fits) if value[size] <= max(0.5, value[best]))
         while best + 1 in np.flatnonzero(fits) and value[best + 1] < value[best]:
             best += 1
-        assert objects._sweep((bonds, out), (near, most), order, fits, objects.Cutting(contrast, 0.5)) == best + 1
+        assert objects._sweep((bonds, out), (near, most), order, fits, Cutting(contrast, 0.5)) == best + 1
 
 
 def test_where_nothing_fits_everything_is_taken():
     bonds = np.ones((3, 3)) - np.eye(3)
     given = (bonds, np.ones(3)), (bonds, np.ones(3)), np.arange(3)
-    assert objects._sweep(*given, np.zeros(3, bool), objects.Cutting(0.5, 0.0)) == 3
+    assert objects._sweep(*given, np.zeros(3, bool), Cutting(0.5, 0.0)) == 3
 
 
 def test_other_pieces_than_the_most_marked_one_are_apart():
@@ -259,11 +261,14 @@ def test_other_pieces_than_the_most_marked_one_are_apart():
 
 def test_a_thing_is_neither_too_small_nor_too_large():
     """Without limits the weakest bond ends it after the first two; the fractions of weight are .1, .2, .5 and 1."""
-    free = {"sizes": (0.0, 1.0), "blend": TWO_BLEND}
     marked, against = np.eye(4)[0], np.zeros(4, bool)
 
-    def taken(**fields):
-        return chain([1, 1, 3, 5], [1, 0.01, 0.1], **(free | fields)).grow(marked, against).sum()
+    def taken(sizes=(0.0, 1.0)):
+        return (
+            chain([1, 1, 3, 5], [1, 0.01, 0.1], blend=TWO_BLEND, kind=replace(MOVING, sizes=sizes))
+            .grow(marked, against)
+            .sum()
+        )
 
     assert taken() == 2
     assert taken(sizes=(0.2, 1.0)) == 2 and taken(sizes=(0.21, 1.0)) > 2
@@ -291,22 +296,22 @@ def test_what_is_cast_is_no_part_of_a_thing_and_a_thing_no_part_of_it():
 def test_cast_is_what_differs_little_and_the_unsure_are_like_their_neighbours():
     differs = np.array([0.02, 0.08, 0.09, 0.3])
     none = np.zeros((4, 4))
-    assert objects._cast(differs, np.ones(4), none).tolist() == [True, True, False, False]
+    assert objects._cast(differs, np.ones(4), none, GRAPH).tolist() == [True, True, False, False]
     to_shadow = np.zeros((4, 4))
-    to_shadow[2, 0] = to_shadow[0, 2] = 100 / objects.VOTE  # so strong a bond makes two alike
-    assert objects._cast(differs, np.ones(4), to_shadow).tolist() == [True, True, True, False]
-    assert objects._cast(np.zeros(0), np.zeros(0), np.zeros((0, 0))).tolist() == []
+    to_shadow[2, 0] = to_shadow[0, 2] = 100 / GRAPH.vote  # so strong a bond makes two alike
+    assert objects._cast(differs, np.ones(4), to_shadow, GRAPH).tolist() == [True, True, True, False]
+    assert objects._cast(np.zeros(0), np.zeros(0), np.zeros((0, 0)), GRAPH).tolist() == []
     # Of two that are bound, the heavier decides.
     pair, strong = np.array([0.0, 0.3]), 1e6 * (1 - np.eye(2))
-    assert objects._cast(pair, np.array([1.0, 3.0]), strong).tolist() == [False, False]
-    assert objects._cast(pair, np.array([3.0, 1.0]), strong).tolist() == [True, True]
+    assert objects._cast(pair, np.array([1.0, 3.0]), strong, GRAPH).tolist() == [False, False]
+    assert objects._cast(pair, np.array([3.0, 1.0]), strong, GRAPH).tolist() == [True, True]
 
 
 def test_doubt_counts_like_blending_in():
     doubt = np.array([0.0, 0.1, 0.8, 0.9])
     marked, against = np.eye(4)[0], np.zeros(4, bool)
     plain = chain(np.ones(4), [0.5] * 3).grow(marked, against, doubt)
-    blended = chain(np.ones(4), [0.5] * 3, blend=BLENDING * doubt).grow(marked, against)
+    blended = chain(np.ones(4), [0.5] * 3, blend=GRAPH.blending * doubt).grow(marked, against)
     np.testing.assert_array_equal(plain, blended)
     np.testing.assert_array_equal(plain, [True, True, False, False])
 
@@ -332,9 +337,9 @@ def test_the_graph_of_a_scene_is_made_of_these():
     places = np.stack([scene.posed(float(time)).means[scene.moving] for time in scene.cameras.times], 1)
     places /= np.sqrt(places.var(0).sum() / len(scene.cameras))
     joint = places[:, [0, 2, 5]].reshape(-1, 9) / np.sqrt(3)
-    looks, light = objects._appearance(scene)[scene.moving], weights[scene.moving]
-    index, mass, _, mine = objects._group(joint, looks, light, 1000)
-    bonds, near = objects._bonds(always(places).means(index, light, len(mass)).apart(), mine)
+    looks, light = objects._appearance(scene, GRAPH)[scene.moving], weights[scene.moving]
+    index, mass, _, mine = objects._group(joint, looks, light, 1000, GRAPH)
+    bonds, near = objects._bonds(always(places).means(index, light, len(mass)).apart(), mine, GRAPH.neighbours)
     np.testing.assert_allclose(moving.bonds, bonds, atol=1e-6)
     np.testing.assert_allclose(moving.near, near, atol=1e-6)
     assert moving.blend.max() < 1e-9 and not moving.cast.any()  # a white square before a blue wall
@@ -346,7 +351,7 @@ def test_standing_things_look_by_colour_first(monkeypatch):
     seen = []
     monkeypatch.setattr(objects, "_group", lambda *given, group=objects._group: seen.append(given) or group(*given))
     objects.superpoints_of(scene)
-    looks = objects._appearance(scene)[~scene.moving]
+    looks = objects._appearance(scene, GRAPH)[~scene.moving]
     np.testing.assert_allclose(seen[1][1][:, :-3], 0.12 * looks[:, :-3], atol=1e-7)
     np.testing.assert_array_equal(seen[1][1][:, -3:], looks[:, -3:])
     np.testing.assert_array_equal([given[3] for given in seen], [1000, 2000])
@@ -386,7 +391,7 @@ def test_how_much_of_a_mark_must_move():
         ([point], 0.2), ([box, point], 0.2), ([stroke], 0.2), ([box], 0.25), ([box, mask], 0.25), ([mask], 0.5),
         ([mask, beside], 0.5), ([box, beside], 0.25),
     ):  # fmt: skip
-        assert objects._moving_fraction(marks) == share
+        assert objects._moving_fraction(marks, SELECT.thing) == share
 
 
 class Pointing:
@@ -396,7 +401,7 @@ class Pointing:
         self.monkeypatch = monkeypatch
         self.scene = SimpleNamespace(ids=np.arange(8), moving=np.arange(8) > 3)
         graph = Graph(replace(moving, rows=moving.rows + 4), static)
-        monkeypatch.setattr(objects, "graph_of", lambda scene: graph)
+        monkeypatch.setattr(objects, "graph_of", lambda scene, config: graph)
         # There is no picture: see test_query_superpixels.
         monkeypatch.setattr(objects, "_by_picture", lambda marks: False)
 
@@ -419,7 +424,7 @@ class Pointing:
 def pointing(monkeypatch):
     """Of what moves, and of what stands: two pairs of strong bonds with a weak one between them."""
     pairs = chain(np.ones(4), [1, 0.01, 1], blend=TWO_BLEND)
-    return Pointing(monkeypatch, pairs, pairs)
+    return Pointing(monkeypatch, pairs, replace(pairs, kind=replace(MOVING, filled=STATIC.filled)))
 
 
 POINT, STROKE = Point(0, True, (3, 3)), Brush(0, True, [(3, 3)], 1.0)
@@ -482,7 +487,7 @@ def test_what_an_exact_mark_covers_is_held_but_for_what_is_against(pointing):
 
 
 def test_each_point_is_within_one_piece(monkeypatch):
-    pairs = chain(np.ones(4), [1, 0.9, 1], piece=np.array([0, 0, 0, 1]), sizes=(0.8, 1.0))
+    pairs = chain(np.ones(4), [1, 0.9, 1], piece=np.array([0, 0, 0, 1]), kind=replace(MOVING, sizes=(0.8, 1.0)))
     pointing = Pointing(monkeypatch, pairs, pairs)
     assert pointing([POINT], starts=[weights(r4=1.0)]) == [4, 5, 6]
     assert pointing([BOX], starts=[weights(r4=1.0)], inside=np.ones(8)) == [4, 5, 6, 7]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from labelled_scene import VECTORS, labelled_scene
 
-from f4x_core.query import blend_weights, leakage, pixels
+from f4x_core.query import blend_weights, leakage, matte, pixels
 from f4x_core.query.labels import ask_for
 from f4x_core.query.score import text_scores
 from f4x_core.query.selection import Selection
@@ -168,14 +168,13 @@ def test_coverage_counts_the_chosen_or_their_scores(scene, wide):
     assert pixels.coverage_image(scene, some.within(2, 2), wide, 2.0).any()
 
 
-def test_a_mask_video_is_made_of_coverage(scene, wide):
+def test_a_mask_video_is_made_of_mattes(scene, wide):
     scores = np.random.default_rng(3).random(len(scene.ids))
     order = np.random.default_rng(4).permutation(len(scene.ids))
     shuffled = replace(chosen_by(scene, scores[order]), ids=scene.ids[order])
     views = [(wide, 0.0), (scene.cameras[1], 1.0)]
-    for options in ({}, {"soft": True}):
-        expected = [pixels.coverage_image(scene, chosen_by(scene, scores), *view, **options) for view in views]
-        np.testing.assert_array_equal(list(pixels.mask_video(scene, shuffled, views, **options)), expected)
+    expected = [matte.matte_image(scene, chosen_by(scene, scores), *view) for view in views]
+    np.testing.assert_array_equal(list(matte.mask_video(scene, shuffled, views)), expected)
 
 
 def test_a_heat_map_is_colour_over_the_grey_of_the_picture():

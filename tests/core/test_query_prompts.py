@@ -8,8 +8,10 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import View, orbit, original
 from f4x_core.query.blend_weights import blend_weight_sums, lift_masks
 from f4x_core.query.labels import ask_for
-from f4x_core.query.pixels import coverage_image, head_map, heat_map, mask_video, text_score_map
+from f4x_core.query.matte import mask_video
+from f4x_core.query.pixels import coverage_image, head_map, heat_map, text_score_map
 from f4x_core.query.prompts import (
+    SelectOptions,
     select_by_box,
     select_by_mask,
     select_by_points,
@@ -139,12 +141,12 @@ def test_a_prompt_that_marks_nothing_is_told(scene):
 
     blind = Blind(lambda t: None, FRAMES, (HEIGHT, WIDTH))
     with pytest.raises(F4xError, match="marks nothing"):
-        select_by_box(scene, (1, 1, 9, 9), 0, decoder=blind)
+        select_by_box(scene, (1, 1, 9, 9), 0, SelectOptions(decoder=blind))
 
 
 def test_several_frames_add_up(scene):
     prompts = {0: {"mask": square_mask(0)}, 5: {"mask": square_mask(5)}}
-    found = select_by_prompts(scene, prompts, span=(1, 4))
+    found = select_by_prompts(scene, prompts, SelectOptions(span=(1, 4)))
     assert (found.chosen == is_square(scene)).mean() > 0.99
     camera = scene.cameras[0]
     assert not coverage_image(scene, found, camera, 0.0).any() and coverage_image(scene, found, camera, 1.0).any()
@@ -167,7 +169,7 @@ def test_masks_of_another_size_are_scaled(scene):
         (lambda s: select_by_mask(s, np.ones((4, 4, 3)), 0), "shape"),
         (lambda s: select_by_mask(s, np.ones((HEIGHT, HEIGHT)), 0), "clip's pictures"),
         (lambda s: select_by_mask(s, square_mask(0), -1), "no frame -1"),
-        (lambda s: select_by_mask(s, square_mask(0), 0, span=(0, 99)), "within the clip"),
+        (lambda s: select_by_mask(s, square_mask(0), 0, SelectOptions(span=(0, 99))), "within the clip"),
         (lambda s: select_by_prompts(s, {}), "Nothing is prompted"),
     ],
 )

@@ -11,8 +11,10 @@ from f4x_core.query.marks import Box, Brush, Lasso, Point
 from f4x_core.query.objects import point_out
 from f4x_core.query.prompts import select_by_points
 from f4x_core.query.score import overlap
+from f4x_core.query.select_config import SELECT
 from f4x_core.query.superpixels import Superpixels, _Size, basins, cut_picture, superpixels_of
 
+PICTURE = SELECT.picture
 RNG = np.random.default_rng(3)
 
 
@@ -39,19 +41,19 @@ def test_means_over_windows_by_loops(rows, columns):
 @pytest.mark.parametrize("side", [1, 2, 4])
 def test_borders_compare_means_with_the_variance_around_them(side):
     colour = 0.1 * RNG.random((6, 8, 3))
-    found = superpixels._differ(colour, side)
+    found = superpixels._differ(colour, side, PICTURE.noise)
     tall = (-(side // 2), side // 2) if side > 1 else (0, 0)
     assert found.shape == (6, 7)
     for y, x in np.ndindex(6, 7):
         left, right = (windows_by_loops(colour, y, x, tall, columns) for columns in ((1 - side, 0), (1, side)))
-        squares = (left.mean(0) - right.mean(0)) ** 2 / (superpixels.NOISE**2 + left.var(0) + right.var(0))
+        squares = (left.mean(0) - right.mean(0)) ** 2 / (PICTURE.noise**2 + left.var(0) + right.var(0))
         assert found[y, x] == pytest.approx(1 - math.exp(-squares.sum() / 2), abs=1e-9)
 
 
 def test_borders_across_and_down_are_the_same_of_a_turned_picture():
     colour = RNG.random((6, 9, 3))
-    across, down = superpixels._borders(colour, (1, 2))
-    turned = superpixels._borders(colour.swapaxes(0, 1), (1, 2))
+    across, down = superpixels._borders(colour, (1, 2), PICTURE.noise)
+    turned = superpixels._borders(colour.swapaxes(0, 1), (1, 2), PICTURE.noise)
     np.testing.assert_allclose(turned[0].T, down)
     np.testing.assert_allclose(turned[1].T, across)
 
@@ -88,8 +90,8 @@ def test_neighbours_by_loops():
 def test_histograms_hold_every_pixel_between_two_bins():
     colour = (RNG.random((4, 5, 3))) @ superpixels.OPPONENT.T
     label = np.repeat([[0, 0, 1, 1, 1]], 4, 0)
-    found = superpixels._histograms(colour, label)
-    bins = superpixels.BINS
+    found = superpixels._histograms(colour, label, PICTURE.bins)
+    bins = PICTURE.bins
     for k in (0, 1):
         expected = np.zeros((3, bins))
         for pixel in colour[label == k]:
@@ -114,7 +116,7 @@ def test_the_walk_solves_its_equations():
     start[~free] = 0
     bonds = np.zeros((6, 6))
     bonds[one.pairs[0], one.pairs[1]] = bonds[one.pairs[1], one.pairs[0]] = one.bond
-    matrix = np.diag((1 + superpixels.LEAK) * bonds.sum(1)) - bonds * np.outer(free, free)
+    matrix = np.diag((1 + PICTURE.leak) * bonds.sum(1)) - bonds * np.outer(free, free)
     np.testing.assert_allclose(one._walk(start, free), np.linalg.solve(matrix, start), rtol=1e-6, atol=1e-9)
     assert not one._walk(np.zeros(6), free).any()
 
@@ -191,12 +193,14 @@ def test_a_stroke_tells_how_large_the_thing_is_and_keeps_what_it_covers():
 def test_the_size_that_marks_tell_is_that_of_the_box_around_them():
     dot, two = (np.zeros((40, 200), bool) for _ in range(2))
     dot[2, 3:8] = True
-    assert _Size.of_marks(dot) == _Size()  # a click, up to a fortieth of the width
+    click = _Size.of_marks(dot, PICTURE)  # up to a fortieth of the width
+    assert click == _Size(PICTURE.usual, PICTURE.size, PICTURE.sizes[1])
     two[2, 3], two[11, 102] = True, True
-    both = _Size.of_marks(two)
-    assert both.usual == pytest.approx(10 * 100 / 8000) and both.weight > _Size().weight and both.most > _Size().most
+    both = _Size.of_marks(two, PICTURE)
+    assert both.usual == pytest.approx(10 * 100 / 8000) and both.weight > click.weight and both.most > click.most
     dot[2, 8] = True
-    assert _Size.of_marks(dot).usual == _Size().usual and _Size.of_marks(dot).weight == both.weight
+    stroke = _Size.of_marks(dot, PICTURE)
+    assert stroke.usual == click.usual and stroke.weight == both.weight
 
 
 def test_features_part_what_has_one_colour():
@@ -225,7 +229,7 @@ def test_what_moves_is_no_part_and_no_border():
 def test_a_picture_is_cut_once_and_at_one_width():
     scene = labelled_scene(features=False)
     picture = superpixels_of(scene, 2)
-    assert picture.label.shape[1] == superpixels.COLUMNS and superpixels_of(scene, 2) is picture
+    assert picture.label.shape[1] == PICTURE.columns and superpixels_of(scene, 2) is picture
     assert superpixels_of(scene, 3) is not picture
 
 
@@ -253,11 +257,11 @@ def test_who_is_hidden_goes_with_its_superpoint(monkeypatch):
     some = objects.Superpoints(
         still, index, np.ones(2), np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2), np.zeros(2, bool)
     )
-    monkeypatch.setattr(objects, "graph_of", lambda scene: objects.Graph(graph.moving, some))
+    monkeypatch.setattr(objects, "graph_of", lambda scene, config: objects.Graph(graph.moving, some))
     fraction, seen = np.zeros(len(scene.ids)), np.zeros(len(scene.ids))
     fraction[still], seen[still] = (0.9, 0.0, 0.2, 0.9), (1.0, 0.0, 1.0, 0.04)
     fraction[scene.moving], seen[scene.moving] = 1.0, 1.0
-    monkeypatch.setattr(objects, "static_part", lambda scene, marks: (fraction, seen))
+    monkeypatch.setattr(objects, "static_part", lambda scene, marks, config: (fraction, seen))
     found = point_out(scene, [Point(0, True, (58.0, 5.0))])
     assert np.flatnonzero(found).tolist() == still[:2].tolist()
     fraction[:] = 0

@@ -11,9 +11,12 @@ import pytest
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
-from f4x_core.query import objects
+from f4x_core.query import k_means, objects
 from f4x_core.query.marks import Box, Brush, Lasso, Mask, Point, check_marks
 from f4x_core.query.objects import Graph, Superpoints, point_out, superpoints_of
+from f4x_core.query.select_config import MOVING, SELECT, STATIC, Cutting, KindConfig
+
+GRAPH = SELECT.graph
 
 MADE = (21, 26)
 """Moving and static Gaussians of the made-up scene: odd numbers, so that means and medians differ."""
@@ -69,12 +72,12 @@ def light(monkeypatch):
     weights[3] = 0
 
     def difference(scene, views, columns):
-        assert (views, columns) == (objects.VIEWS, objects.COLUMNS)
+        assert (views, columns) == (GRAPH.views, GRAPH.columns)
         count = len(scene.ids)
         return weights[:count].copy(), (weights * differs)[:count]
 
     def between(scene, thing, views, columns):
-        assert (views, columns) == (objects.GLANCES, objects.COLUMNS)
+        assert (views, columns) == (GRAPH.glances, GRAPH.columns)
         assert not thing[~scene.moving].any()
         count = len(scene.ids)
         return weights[:count].copy(), (weights * held)[:count]
@@ -86,15 +89,15 @@ def light(monkeypatch):
 
 def group_by_loops(place, appearance, weights, count):
     """`_group`: k-means from the same random rows, groups in the order of their first row's number."""
-    colours = [row[-3:] / objects.COLOUR for row in appearance]
-    joint = np.float32([[*p, *(objects.SEEN * a[:-3]), *c]
+    colours = [row[-3:] / GRAPH.colour for row in appearance]
+    joint = np.float32([[*p, *(GRAPH.features * a[:-3]), *c]
                         for p, a, c in zip(place, appearance, colours, strict=True)])  # fmt: skip
     centres = joint[np.random.default_rng(0).permutation(len(joint))[:count]].astype(float)
 
     def nearest():
         return np.array([np.argmin([((row - centre) ** 2).sum() for centre in centres]) for row in joint.astype(float)])
 
-    for _ in range(objects.ROUNDS):
+    for _ in range(GRAPH.rounds):
         index = nearest()
         centres = np.array(
             [joint[index == k].mean(0) if (index == k).any() else 0 * joint[0] for k in range(len(centres))]
@@ -115,10 +118,10 @@ def ways_by_loops(places, presence, index, weights):
     ways, there = [], []
     for k in range(index.max() + 1):
         own = index == k
-        held = weights[own, None] * (presence[own] + objects.ABSENT)
+        held = weights[own, None] * (presence[own] + GRAPH.absent)
         ways.append([np.average(places[own, t], axis=0, weights=held[:, t]) for t in range(places.shape[1])])
         share = np.average(presence[own], axis=0, weights=weights[own])
-        there.append(share >= objects.THERE * share.max())
+        there.append(share >= GRAPH.present * share.max())
     return np.array(ways), np.array(there)
 
 
@@ -130,9 +133,9 @@ def apart_by_loops(ways, there):
     return far
 
 
-def bonds_by_loops(far, appearance):
+def bonds_by_loops(far, appearance, neighbours):
     unlike = squares(appearance, appearance)
-    count = min(objects.NEIGHBOURS, len(far) - 1)
+    count = min(neighbours, len(far) - 1)
     reach = np.array([sorted(np.delete(far[i], i))[count - 1] for i in range(len(far))])
     pairs = [(i, j) for i, j in np.ndindex(far.shape) if i != j and far[i, j] <= max(reach[i], reach[j])]
     pairs, reach = [pair for pair in pairs if np.isfinite(far[pair])], reach[np.isfinite(reach)]
@@ -146,7 +149,7 @@ def bonds_by_loops(far, appearance):
 
 def pieces(tracks, near):
     """(P,) int: the pieces of superpoints along `tracks` whose neighbours are `near (P,P)` > 0."""
-    return objects._pieces(objects._changes(tracks, near), len(near))
+    return objects._pieces(objects._changes(tracks, near), len(near), GRAPH)
 
 
 def strengthened_by_loops(bonds, near, ways, there):
@@ -159,12 +162,12 @@ def strengthened_by_loops(bonds, near, ways, there):
     changes = [(max(own) - min(own)) / (np.mean(own) + usual) for own in far]
     bonds = bonds.copy()
     for (i, j), change in zip(pairs, changes, strict=True):
-        steady = math.exp(-((change / max(objects.RIGID, np.median(changes))) ** 2))
-        bonds[i, j] += objects.TOGETHER * steady * (near[i, j] - bonds[i, j])
+        steady = math.exp(-((change / max(GRAPH.rigid, np.median(changes))) ** 2))
+        bonds[i, j] += GRAPH.together * steady * (near[i, j] - bonds[i, j])
     return bonds
 
 
-def appearance_by_loops(scene):
+def appearance_by_loops(scene, directions):
     """As inner products of all rows: the directions of the features are known up to their signs."""
     colours = 0.7 * np.clip(scene.colours, 0, 1)
     if scene.features is None:
@@ -172,7 +175,7 @@ def appearance_by_loops(scene):
     features = scene.latents() - scene.latents().mean(0)
     features = features / np.linalg.norm(features, axis=1, keepdims=True)
     left, size, _ = np.linalg.svd(features, full_matrices=False)
-    kept = left[:, : objects.DIRECTIONS] * size[: objects.DIRECTIONS]
+    kept = left[:, :directions] * size[:directions]
     return kept @ kept.T + colours @ colours.T
 
 
@@ -191,7 +194,7 @@ def walk_by_loops(superpoints, marked, against):
     """Scores of the superpoints that are not `against`: the random walk summed up step by step."""
     free = np.flatnonzero(~against)
     bonds = superpoints.bonds
-    leaving = [(1 + superpoints.escape) * (bonds[i].sum() + superpoints.blend[i]) for i in free]
+    leaving = [(1 + superpoints.kind.escape) * (bonds[i].sum() + superpoints.blend[i]) for i in free]
     walkers = marked[free].astype(float)
     visits = walkers.copy()
     for _ in range(4000):
@@ -212,7 +215,7 @@ def grow_by_loops(superpoints, marked, against, filled=0.0):
             (part[np.ix_(free, free)], out[free] + [part[i][against].sum() for i in free])
             for part, out in (
                 (superpoints.bonds, superpoints.blend),
-                (superpoints.near, np.full(len(marked), objects.BLENDING)),
+                (superpoints.near, np.full(len(marked), GRAPH.blending)),
             )
         )
         fits = []
@@ -220,9 +223,9 @@ def grow_by_loops(superpoints, marked, against, filled=0.0):
             inside = free[order[:size]]
             share = superpoints.weight[inside].sum() / superpoints.weight.sum()
             held = marked[inside].sum() / marked[free].sum()
-            large = share > superpoints.sizes[1] and size > 1
-            fits.append(share >= superpoints.sizes[0] and not large and held >= filled - 1e-12)
-        chosen[free[order[: sweep_by_loops(strength, most, order, fits, superpoints.cutting.contrast)]]] = True
+            large = share > superpoints.kind.sizes[1] and size > 1
+            fits.append(share >= superpoints.kind.sizes[0] and not large and held >= filled - 1e-12)
+        chosen[free[order[: sweep_by_loops(strength, most, order, fits, superpoints.kind.cutting.contrast)]]] = True
     return chosen
 
 
@@ -245,7 +248,8 @@ def random_superpoints(seed, count=9, **fields):
 def test_a_thing_grows_as_the_walk_and_the_cut_say(escape, filled, contrast):
     sizes = set()
     for seed in range(30):
-        superpoints = random_superpoints(seed, escape=escape, sizes=(0.1, 0.6), cutting=objects.Cutting(contrast, 0.0))
+        kind = KindConfig(escape, (0.1, 0.6), 0.0, Cutting(contrast, 0.0))
+        superpoints = random_superpoints(seed, kind=kind)
         random = np.random.default_rng(seed)
         marked = random.random(9) * (random.random(9) < 0.25)
         against = random.random(9) < 0.2
@@ -258,12 +262,12 @@ def test_a_thing_grows_as_the_walk_and_the_cut_say(escape, filled, contrast):
 def test_other_evidence_counts_like_blending_in():
     superpoints, nobody = random_superpoints(3), np.zeros(9, bool)
     doubt = np.random.default_rng(4).random(9)
-    blended = replace(superpoints, blend=superpoints.blend + objects.BLENDING * doubt)
+    blended = replace(superpoints, blend=superpoints.blend + GRAPH.blending * doubt)
     marked = np.eye(9)[4]
-    twice = objects.BLENDING * 2  # what both could be
+    twice = GRAPH.blending * 2  # what both could be
     found = superpoints.grow(marked, nobody, doubt)
     order = np.argsort(-walk_by_loops(blended, marked, nobody), kind="stable")
-    fits = np.cumsum(superpoints.weight[order]) / superpoints.weight.sum() >= objects.SIZES_MOVING[0]
+    fits = np.cumsum(superpoints.weight[order]) / superpoints.weight.sum() >= MOVING.sizes[0]
     count = sweep_by_loops((blended.bonds, blended.blend), (blended.near, np.full(9, twice)), order, fits, 0.0)
     assert set(np.flatnonzero(found)) == set(order[:count])
 
@@ -280,31 +284,30 @@ def test_a_superpoint_that_no_walker_reaches_is_not_chosen():
 
 def test_where_no_set_fits_it_is_everything():
     nothing = np.zeros((3, 3)), np.ones(3)
-    assert objects._sweep(nothing, nothing, np.arange(3), np.zeros(3, bool), objects.Cutting(0.5, 0.0)) == 3
-    assert objects._sweep(nothing, nothing, np.arange(3), np.array([False, True, True]), objects.Cutting(0.5, 0.0)) == 2
+    assert objects._sweep(nothing, nothing, np.arange(3), np.zeros(3, bool), Cutting(0.5, 0.0)) == 3
+    assert objects._sweep(nothing, nothing, np.arange(3), np.array([False, True, True]), Cutting(0.5, 0.0)) == 2
 
 
 @pytest.mark.parametrize(("static", "features"), [(MADE[1], True), (MADE[1], False), (0, True)])
 def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
-    for name, value in {"MOVING": 9, "STATIC": 7, "NEIGHBOURS": 3, "DIRECTIONS": 2}.items():
-        monkeypatch.setattr(objects, name, value)
+    few = replace(GRAPH, moving=9, static=7, neighbours=3, directions=2)
     scene = MadeUp(0, static, features)
     moving, rest = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
-    looks, weights, differs = objects._appearance(scene), light[0][: len(scene.ids)] + objects.UNSEEN, light[1]
+    looks, weights, differs = objects._appearance(scene, few), light[0][: len(scene.ids)] + objects.UNSEEN, light[1]
     places = np.stack([scene.places[time][moving] for time in range(8)], 1)
     places /= math.sqrt(sum(column.var() for column in places.reshape(-1, 24).T) / 8)  # of a place: mean over times
     joint = np.concatenate([places[:, time] for time in (0, 4, 7)], 1) / math.sqrt(3)
     index, weight, _, mine = group_by_loops(joint, looks[moving], weights[moving], 9)
     presence = np.stack([scene.dynamic.presence(time) for time in range(8)], 1)
     ways = ways_by_loops(places, presence, index, weights[moving])
-    bonds, near = bonds_by_loops(apart_by_loops(*ways), mine)
+    bonds, near = bonds_by_loops(apart_by_loops(*ways), mine, 3)
     bonds = strengthened_by_loops(bonds, near, *ways)
     sums = [sum(light[0][row] * differs[row] for row in moving[index == k]) for k in range(len(weight))]
     blend = [
-        objects.BLENDING * math.exp(-((part / whole / objects.DIFFERS) ** 2))
+        GRAPH.blending * math.exp(-((part / whole / GRAPH.differs) ** 2))
         for part, whole in zip(sums, weight, strict=True)
     ]
-    cast = objects._cast(np.array(sums) / weight, weight, bonds)
+    cast = objects._cast(np.array(sums) / weight, weight, bonds, few)
     for k in np.flatnonzero(cast):
         own = moving[index == k]
         cast[k] = (light[0] * light[2])[own].sum() <= 0.5 * light[0][own].sum()
@@ -314,9 +317,9 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
         far = [np.linalg.norm(row) for row in away]
         sight = np.array([[*(8 * row / d), 1.5 * math.log(d)] for row, d in zip(away, far, strict=True)])
         outlines = looks[rest].copy()
-        outlines[:, :-3] *= objects.STANDING
+        outlines[:, :-3] *= GRAPH.static_features
         groups, mass, sights, standing = group_by_loops(sight, outlines, weights[rest], 7)
-    moving_ones, static_ones = superpoints_of(scene)
+    moving_ones, static_ones = superpoints_of(scene, replace(SELECT, graph=few))
     np.testing.assert_array_equal(moving_ones.rows, moving)
     np.testing.assert_array_equal(moving_ones.index, index)
     expected = {"weight": weight, "bonds": bonds, "near": near, "blend": blend}
@@ -327,7 +330,7 @@ def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
     np.testing.assert_array_equal(static_ones.rows, rest)
     if static:
         np.testing.assert_array_equal(static_ones.index, groups)
-        bonds, near = bonds_by_loops(squares(sights, sights), standing)
+        bonds, near = bonds_by_loops(squares(sights, sights), standing, 3)
         for name, values in {"weight": mass, "bonds": bonds, "near": near, "blend": np.zeros(7)}.items():
             np.testing.assert_allclose(getattr(static_ones, name), values, rtol=1e-4, atol=1e-7, err_msg=name)
 
@@ -344,66 +347,66 @@ def test_where_most_of_what_moves_is_like_the_background_nothing_is_cast(monkeyp
 
 
 @pytest.mark.parametrize("features", [True, False])
-def test_appearance_is_the_main_directions_of_features_and_colours(monkeypatch, features):
-    monkeypatch.setattr(objects, "DIRECTIONS", 3)
+def test_appearance_is_the_main_directions_of_features_and_colours(features):
     scene = MadeUp(1, features=features)
-    found = objects._appearance(scene)
+    found = objects._appearance(scene, replace(GRAPH, directions=3))
     assert found.dtype == np.float32 and found.shape == (len(scene.ids), 6 if features else 3)
-    np.testing.assert_allclose(found @ found.T, appearance_by_loops(scene), atol=1e-5)
+    np.testing.assert_allclose(found @ found.T, appearance_by_loops(scene, 3), atol=1e-5)
 
 
 def test_another_head_tells_nothing_of_looks():
     scene = MadeUp(1)
     scene.features.names = ("text",)
-    np.testing.assert_allclose(objects._appearance(scene), 0.7 * np.clip(scene.colours, 0, 1), atol=1e-6)
+    np.testing.assert_allclose(objects._appearance(scene, GRAPH), 0.7 * np.clip(scene.colours, 0, 1), atol=1e-6)
 
 
 @pytest.mark.parametrize(("rows", "count"), [(30, 6), (30, 30), (5, 9), (1, 4)])
 def test_groups_are_those_of_k_means(rows, count):
     random = np.random.default_rng(rows + count)
     parts = random.normal(size=(rows, 4)), random.normal(size=(rows, 5)), random.random(rows)
-    found, expected = objects._group(*parts, count), group_by_loops(*parts, count)
+    found, expected = objects._group(*parts, count, GRAPH), group_by_loops(*parts, count)
     np.testing.assert_array_equal(found[0], expected[0])
     for one, other in zip(found[1:], expected[1:], strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)
 
 
 def test_no_rows_make_no_groups():
-    index, weight, place, looks = objects._group(np.zeros((0, 3)), np.zeros((0, 8)), np.zeros(0), 4)
+    index, weight, place, looks = objects._group(np.zeros((0, 3)), np.zeros((0, 8)), np.zeros(0), 4, GRAPH)
     assert (index.shape, weight.shape, place.shape, looks.shape) == ((0,), (0,), (0, 3), (0, 8))
 
 
 @pytest.mark.parametrize("block", [3, 4096])
 def test_the_nearest_centre_by_loops(monkeypatch, block):
-    monkeypatch.setattr(objects, "BLOCK", block)
+    monkeypatch.setattr(k_means, "BLOCK", block)
     random = np.random.default_rng(2)
     points, centres = random.normal(size=(11, 3)), 2 * random.normal(size=(6, 3))
     expected = [np.argmin(np.linalg.norm(centres - point, axis=1)) for point in points]
-    np.testing.assert_array_equal(objects._nearest(points, centres), expected)
+    np.testing.assert_array_equal(k_means.nearest(points, centres), expected)
 
 
 def test_means_are_weighted_and_those_of_nobody_are_0():
     index, weight = np.array([0, 2, 2]), np.array([0.1, 0.1, 0.3])
     values = np.array([[1.0, 5], [2, 6], [6, 8]])
-    np.testing.assert_allclose(objects._means(index, weight, values, 4), [[1, 5], [0, 0], [5, 7.5], [0, 0]])
+    np.testing.assert_allclose(k_means.means(index, weight, values, 4), [[1, 5], [0, 0], [5, 7.5], [0, 0]])
 
 
 @pytest.mark.parametrize(("count", "neighbours"), [(12, 4), (12, 12), (3, 12), (2, 12)])
-def test_bonds_lead_to_neighbours_that_look_alike(monkeypatch, count, neighbours):
-    monkeypatch.setattr(objects, "NEIGHBOURS", neighbours)
+def test_bonds_lead_to_neighbours_that_look_alike(count, neighbours):
     random = np.random.default_rng(count)
     place, looks = random.normal(size=(count, 3)), 0.1 * random.normal(size=(count, 4))
-    bonds, near = objects._bonds(objects._squares(place, place), looks)
-    expected, expected_near = bonds_by_loops(squares(place, place), looks)
+    bonds, near = objects._bonds(objects._squares(place, place), looks, neighbours)
+    expected, expected_near = bonds_by_loops(squares(place, place), looks, neighbours)
     np.testing.assert_allclose(bonds, expected, atol=1e-12)
     np.testing.assert_allclose(near, expected_near, atol=1e-12)
-    np.testing.assert_allclose(objects._bonds(1e-6 * objects._squares(place, place), looks)[0], expected, atol=1e-9)
+    np.testing.assert_allclose(
+        objects._bonds(1e-6 * objects._squares(place, place), looks, neighbours)[0], expected, atol=1e-9
+    )
 
 
 def test_one_superpoint_alone_has_no_bonds():
-    bonds, near = objects._bonds(np.zeros((1, 1)), np.ones((1, 4)))
+    bonds, near = objects._bonds(np.zeros((1, 1)), np.ones((1, 4)), 12)
     assert bonds.tolist() == near.tolist() == [[0]]
-    bonds, near = objects._bonds(1 - np.eye(3), np.ones((3, 4)))  # equal looks: nothing is unlike
+    bonds, near = objects._bonds(1 - np.eye(3), np.ones((3, 4)), 12)  # equal looks: nothing is unlike
     np.testing.assert_array_equal(bonds, near)
 
 
@@ -480,8 +483,17 @@ class Pointed:
         none = np.zeros(4, bool)
         moving = Superpoints(np.arange(2, 6), np.arange(4), np.ones(4), bonds, bonds, blend, none, piece=piece)
         wall = np.ones((2, 2)) - np.eye(2)
-        static = Superpoints(np.arange(2), np.arange(2), np.ones(2), wall, wall, np.full(2, 0.1), none[:2])
-        monkeypatch.setattr(objects, "graph_of", lambda scene: Graph(moving, static))
+        static = Superpoints(
+            np.arange(2),
+            np.arange(2),
+            np.ones(2),
+            wall,
+            wall,
+            np.full(2, 0.1),
+            none[:2],
+            replace(MOVING, filled=STATIC.filled),
+        )
+        monkeypatch.setattr(objects, "graph_of", lambda scene, config: Graph(moving, static))
         monkeypatch.setattr(
             objects, "_by_picture", lambda marks: False
         )  # there is no picture: see test_query_superpixels
@@ -589,8 +601,8 @@ def test_pieces_are_what_keeps_its_distances():
     places = np.concatenate([turned, leaves, [[[9, 9, 9]] * 3]])
     near = np.zeros((5, 5))
     near[[0, 1, 1, 2, 2, 3], [1, 0, 2, 1, 3, 2]] = 1
-    tracks = objects._Tracks(places, np.ones((5, 3)))
+    tracks = objects._Tracks(places, np.ones((5, 3)), GRAPH)
     assert pieces(tracks, near).tolist() == [0, 0, 0, 1, 2]
-    assert pieces(objects._Tracks(places[:1], np.ones((1, 3))), np.zeros((1, 1))).tolist() == [0]
+    assert pieces(objects._Tracks(places[:1], np.ones((1, 3)), GRAPH), np.zeros((1, 1))).tolist() == [0]
     shaken = places + 0.3 * np.random.default_rng(0).normal(size=places.shape)
     assert len(set(pieces(tracks._replace(places=shaken), near)[:3])) == 1  # noise is no motion

@@ -8,8 +8,10 @@ import pytest
 from labelled_scene import HEIGHT, SQUARE, STEP, WALL, WIDTH, labelled_scene, square_mask
 
 from f4x_core.cli.main import main
+from f4x_core.edit.naming import by_words
 from f4x_core.geometry import pose
 from f4x_core.geometry.camera import Camera
+from f4x_core.query.matte import matte_image
 from f4x_core.scene import write_scene
 from f4x_core.scene.color import linear_from_srgb
 from f4x_core.scene.cryptomatte import identify, metadata, murmur3, ranked
@@ -252,6 +254,12 @@ def test_f4x_render_writes_one_exr_with_everything(tmp_path, scene, images, caps
     assert f'"square":"{identify("square"):08x}"' in manifest and "labelled" in manifest
     ids = found["CryptoObject00"][..., 0].copy().view(np.uint32)
     assert ((ids == identify("square")) == square_mask(T)).mean() > 0.97
+    square = by_words(labelled_scene(), ["square"])["square"]
+    refined = matte_image(labelled_scene(), square, labelled_scene().cameras[2], 2.0)
+    pairs = found["CryptoObject00"]
+    coverage = np.where(ids == identify("square"), pairs[..., 1], pairs[..., 3])
+    np.testing.assert_allclose(coverage[refined > 0.1], refined[refined > 0.1], atol=0.02)
+    np.testing.assert_allclose(pairs[..., 1] + pairs[..., 3], found["Alpha"][..., 0], atol=0.02)
     assert main([*arguments[:-3], "--frames", "2:3", "--channels", "smell", "--exr"]) == 2
     assert "no channel smell" in capsys.readouterr().err
 

@@ -16,7 +16,7 @@ from f4x_core.edit.selecting import read_selecting
 from f4x_core.errors import F4xError
 from f4x_core.fit.people import nearest_part, with_people_of
 from f4x_core.priors.joints import LIMBS
-from f4x_core.query.prompts import select_by_points
+from f4x_core.query.prompts import SelectOptions, select_by_points
 from f4x_core.query.questions import answer
 from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.people import PARTS, People, from_left, people_of, with_people
@@ -290,7 +290,7 @@ def test_a_click_on_a_limb_with_part_means_the_limb():
     people, hand = people_of(THREE), PARTS.index("right hand") + 1
     rows = (people.person == 3) & (people.part == hand)
     pixel = THREE.cameras[0].project(THREE.posed(0).means[rows].mean(0)[None].astype(float))[0]
-    assert np.array_equal(select_by_points(THREE, pixel, 0, part=True).chosen, rows)
+    assert np.array_equal(select_by_points(THREE, pixel, 0, options=SelectOptions(part=True)).chosen, rows)
     assert np.array_equal(select_by_points(THREE, pixel, 0).chosen, people.person == 3)
 
 

@@ -1,0 +1,148 @@
+"""The matte of a selection, refined along its outline in the picture that is drawn. Needs numpy alone.
+
+Whole Gaussians end softly: within a few pixels of a thing's outline their coverage says little. There each pixel is judged by its
+coverage, by local models of the thing's colours and of those around it (Bai et al., Video SnapCut, SIGGRAPH 2009) and, of what
+moves, by its difference from the background behind; a random walker with priors (Grady 2005) smooths that between edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..geometry.camera import Camera
+from ..geometry.trajectory import Trajectory, View
+from ..progress import Progress, silent
+from ..scene import Scene
+from ..scene.clouds import Cloud, Composite
+from ..scene.view import render
+from .growing import walk_with_prior
+from .k_means import k_means, nearest
+from .objects import MOSTLY
+from .pixels import SHOWN
+from .score import logistic
+from .select_config import SELECT, MatteConfig
+from .selection import Selection
+from .standing_out import BEHIND, unlike
+from .superpixels import OPPONENT
+
+UNCERTAIN = 0.02
+"""Least probability of a pixel by its coverage alone, and of its opposite: so log-odds stay finite."""
+
+
+def matte_image(
+    scene: Scene,
+    selection: Selection,
+    camera: Camera,
+    time: float,
+    backend: str = "auto",
+    config: MatteConfig = SELECT.matte,
+) -> np.ndarray:
+    """Return the matte (H,W) float32 in [0, 1] of a selection at clip time `time`; 0 outside its span."""
+    if not selection.holds_at(time):
+        return np.zeros((camera.height, camera.width), np.float32)
+    return mattes(scene, selection.chosen[:, None], View(camera, time), backend, config)[..., 0]
+
+
+def mattes(
+    scene: Scene, chosen: np.ndarray, view: View, backend: str = "auto", config: MatteConfig = SELECT.matte
+) -> np.ndarray:
+    """Return the mattes (H,W,K) float32 of the Gaussians `chosen (N,K)` bool: what they cover (sum of blend weights), refined."""
+    drawn = render(scene, *view, ("rgb",), backend, values={"chosen": chosen.astype(np.float32)})
+    coverage = np.clip(drawn["chosen"], 0, 1)
+    moves = (chosen & scene.moving[:, None]).sum(0) > MOSTLY * chosen.sum(0)
+    behind = _background(scene, view, backend) if moves.any() else None
+    parts = [
+        refine_matte(own, drawn["rgb"], behind if moves[k] else None, config)
+        for k, own in enumerate(np.moveaxis(coverage, -1, 0))
+    ]
+    return np.stack(parts, -1)
+
+
+def mask_video(
+    scene: Scene, selection: Selection, trajectory: Trajectory, backend: str = "auto", progress: Progress = silent
+) -> Iterator[np.ndarray]:
+    """Yield `matte_image` of every view; above `pixels.SHOWN` is the mask."""
+    selection = selection.for_ids(scene.ids)
+    for done, (camera, time) in enumerate(trajectory):
+        progress("mask", done, len(trajectory))
+        yield matte_image(scene, selection, camera, time, backend)
+    progress("mask", len(trajectory), len(trajectory))
+
+
+def refine_matte(
+    coverage: np.ndarray, picture: np.ndarray, background: np.ndarray | None = None, config: MatteConfig = SELECT.matte
+) -> np.ndarray:
+    """Return `coverage (H,W)`, anew within `config.reach` of its outline, by the sRGB `picture (H,W,3)` that shows the thing.
+
+    `background (H,W,4)`: sRGB and alpha of what is behind; None: not known.
+    """
+    width = coverage.shape[1]
+    reach, window = (max(1, round(size * width)) for size in (config.reach, config.window))
+    inside = coverage > SHOWN
+    count = _sums(np.stack([inside, np.ones_like(inside)], -1), reach)
+    band = (count[..., 0] > 0) & (count[..., 0] < count[..., 1])
+    if not band.any():
+        return coverage
+    part = tuple(slice(max(0, int(at.min()) - window), int(at.max()) + window + 1) for at in np.nonzero(band))
+    band, inside, near = band[part], inside[part], coverage[part].astype(float)
+    colour = np.clip(picture[part], 0, 1).astype(float) @ OPPONENT.T
+    odds = np.clip(near, UNCERTAIN, 1 - UNCERTAIN)
+    odds = np.log(odds / (1 - odds)) + _colour_odds(colour, inside & ~band, ~inside & ~band, window, config)
+    if background is not None:
+        apart = unlike(picture[part], background[part][..., :3])
+        by_background = np.clip((apart - config.differs) / config.unsure, -config.against, config.favour)
+        odds += np.where(background[part][..., 3] > BEHIND, by_background, 0)
+    refined = coverage.copy()
+    refined[part] = walk_with_prior(_bonds(colour, band, config), logistic(odds), np.where(band, np.nan, near), 1.0)
+    return refined
+
+
+def _background(scene: Scene, view: View, backend: str) -> np.ndarray:
+    """Return (H,W,4) sRGB and alpha of the scene without its moving Gaussians."""
+    camera, time = view
+    cloud = Cloud.of_posed(scene.posed(time), scene.fitted_focal(time))
+    cloud = replace(cloud, opacities=cloud.opacities * ~scene.moving)
+    drawn = Composite.of([cloud], [{"rgb": cloud.colors(camera.center)}], {"rgb": 3}, camera).draw(backend)
+    return np.concatenate([drawn.layers["rgb"], drawn.alpha[..., None]], -1)
+
+
+def _colour_odds(
+    colour: np.ndarray, thing: np.ndarray, around: np.ndarray, window: int, config: MatteConfig
+) -> np.ndarray:
+    """Return log-odds (h,w) that a pixel of `colour (h,w,3)` is the thing's, by pixels `thing` and `around`, (h,w) bool, near it.
+
+    Each side's colours are a histogram over the main colours of the picture in a window; a pixel that is like several of them
+    has their mean.
+    """
+    rows = colour.reshape(-1, 3).astype(np.float32)
+    centres = k_means(rows, config.colours)
+    kind, sides = nearest(rows, centres).reshape(colour.shape[:2]), np.stack([thing, around], -1)
+    total = _sums(sides, window)
+    known = np.zeros((*kind.shape, 2))
+    for number, centre in enumerate(centres):
+        like = np.exp(-((colour - centre) ** 2).sum(-1) / (2 * config.alike**2))
+        known += like[..., None] * _sums(sides & (kind == number)[..., None], window)
+    part = known / np.maximum(total, 1) + config.unknown
+    enough = (total >= config.enough * (2 * window + 1) ** 2).all(-1)
+    return np.where(enough, np.log(part[..., 0] / part[..., 1]), 0)
+
+
+def _bonds(colour: np.ndarray, band: np.ndarray, config: MatteConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Return bonds (h-1,w) down and (h,w-1) across, weaker the more colours (h,w,3) differ for the `band (h,w)`."""
+    squares = [(np.diff(colour, axis=axis) ** 2).sum(-1) for axis in (0, 1)]
+    usual = np.concatenate([squares[0][band[1:]], squares[1][band[:, 1:]]]).mean() + np.finfo(float).tiny
+    down, across = (config.bond * np.exp(-each / (2 * usual)) for each in squares)
+    return down, across
+
+
+def _sums(values: np.ndarray, reach: int) -> np.ndarray:
+    """Return sums of `values (h,w,C)` over windows of `reach` pixels to each side; nothing is beyond the picture."""
+    for axis in (0, 1):
+        size = values.shape[axis]
+        sums = np.insert(np.cumsum(values, axis, dtype=np.float32), 0, 0, axis)
+        last, first = np.minimum(np.arange(size) + reach + 1, size), np.maximum(np.arange(size) - reach, 0)
+        values = sums.take(last, axis) - sums.take(first, axis)
+    return values

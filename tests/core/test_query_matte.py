@@ -1,0 +1,94 @@
+"""Mattes are refined along outlines: by colours near them, by the background behind and along edges."""
+
+import numpy as np
+import pytest
+from labelled_scene import labelled_scene, square_mask
+
+from f4x_core.geometry.trajectory import View
+from f4x_core.query import matte
+from f4x_core.query.matte import matte_image, refine_matte
+from f4x_core.query.pixels import coverage_image
+from f4x_core.query.prompts import select_by_text
+from f4x_core.query.score import overlap
+from f4x_core.scene import Scene
+from f4x_core.scene.view import render
+
+SHAPE = (120, 480)
+Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]]
+DISC = (X - 200) ** 2 + (Y - 60) ** 2 < 40**2
+NOISE = np.random.default_rng(0).normal(size=(*SHAPE, 3))
+RED, GREEN = np.array([0.7, 0.3, 0.3]), np.array([0.3, 0.5, 0.3])
+PICTURE = np.where(DISC[..., None], RED, GREEN) + 0.04 * NOISE
+
+
+def shifted(pixels):
+    """Coverage of a disc that lies so many pixels beside the one in the picture, with an edge of three."""
+    far = np.hypot(X - 200 - pixels, Y - 60) - 40
+    return np.clip(0.5 - far / 3, 0, 1).astype(np.float32)
+
+
+@pytest.mark.parametrize("pixels", [-3, 0, 3])
+def test_the_outline_goes_to_the_edge_of_colours(pixels):
+    found = refine_matte(shifted(pixels), PICTURE)
+    assert overlap(found > 0.5, DISC) > 0.96 and overlap(shifted(3) > 0.5, DISC) < 0.92
+    assert found.dtype == np.float32 and found.min() >= 0 and found.max() <= 1
+
+
+def test_only_a_band_around_the_outline_changes():
+    coverage = np.minimum(shifted(2), 0.8)
+    found = refine_matte(coverage, PICTURE)
+    far = abs(np.hypot(X - 202, Y - 60) - 40) > 4 * np.sqrt(2) + 1
+    np.testing.assert_array_equal(found[far], coverage[far])
+    assert (found != coverage).any()
+
+
+@pytest.mark.parametrize("value", [0.0, 0.3, 0.9])
+def test_without_an_outline_nothing_is_refined(value):
+    coverage = np.full(SHAPE, value, np.float32)
+    assert refine_matte(coverage, PICTURE) is coverage
+
+
+def test_a_plain_picture_leaves_what_is_covered():
+    plain = np.full((*SHAPE, 3), 0.5)
+    assert overlap(refine_matte(shifted(0), plain) > 0.5, DISC) > 0.98
+
+
+def test_what_is_as_the_background_behind_is_no_part():
+    """Colours tell nothing here: a disc of the same mixture of colours as the ground, whose picture behind is known."""
+    ground = 0.5 + 0.15 * NOISE
+    picture = np.where(DISC[..., None], ground[::-1], ground)
+    behind = np.concatenate([ground, np.ones((*SHAPE, 1))], -1)
+    told, unknown = (
+        refine_matte(shifted(3), picture, np.concatenate([ground, np.full((*SHAPE, 1), alpha)], -1))
+        for alpha in (1.0, 0.5)
+    )
+    np.testing.assert_array_equal(refine_matte(shifted(3), picture, behind), told)
+    np.testing.assert_array_equal(refine_matte(shifted(3), picture), unknown)
+    assert overlap(told > 0.5, DISC) > overlap(unknown > 0.5, DISC) + 0.02
+
+
+def test_sums_over_windows_by_loops():
+    values = np.random.default_rng(1).random((5, 7, 2))
+    for reach in (0, 1, 4):
+        found = matte._sums(values, reach)
+        for y, x in np.ndindex(5, 7):
+            window = values[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1]
+            np.testing.assert_allclose(found[y, x], window.sum((0, 1)), rtol=1e-5)
+
+
+def test_the_matte_of_a_moving_square():
+    scene = labelled_scene()
+    found = select_by_text(scene, ["square"])
+    for time in (0.0, 2.5):
+        camera = scene.cameras.at(time)
+        own, plain = matte_image(scene, found, camera, time), coverage_image(scene, found, camera, time)
+        assert own.shape == plain.shape and overlap(own > 0.5, square_mask(time)) > 0.9
+    assert not matte_image(scene, found.within(2, 3), scene.cameras[0], 0.0).any()
+
+
+def test_the_background_is_the_scene_without_what_moves():
+    scene = labelled_scene()
+    view = View(scene.cameras[1], 1.0)
+    still = render(Scene("still", scene.static, scene.cameras), *view, ("rgb", "alpha"))
+    found = matte._background(scene, view, "auto")
+    np.testing.assert_allclose(found, np.dstack([still["rgb"], still["alpha"]]), atol=1e-5)
