@@ -297,7 +297,8 @@ def _tint_frames(size: ClipSize, config: FitConfig) -> int:
 
 def _tint_file(size: ClipSize, config: FitConfig, count: float) -> float:
     """Return the bytes of the colors over time of a whole scene in its file."""
-    return min(TINT_FILE * count * size.windows**2 * _tint_frames(size, config), config.tints.megabytes * MEGABYTE)
+    frames = size.windows * _tint_frames(size, config)
+    return min(TINT_FILE * count * size.windows * frames, config.tints.bytes_for(frames))
 
 
 def _memory(size: ClipSize, config: FitConfig, count: float) -> float:

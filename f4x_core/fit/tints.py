@@ -18,6 +18,7 @@ from scipy.ndimage import maximum_filter
 from ..clip import Clip
 from ..geometry.arrays import evenly_spaced
 from ..parallel import in_threads, side_by_side, thread_count
+from ..priors.config import USUAL_FRAMES
 from ..progress import Progress, silent
 from ..raster.blend_weights import BlendWeights
 from ..scene import Scene
@@ -35,12 +36,17 @@ class TintConfig:
     min_gain: float = 0.2
     """PSNR (dB) that they must bring to frames between the moments at which they were found, or they are left out."""
     megabytes: float = 48.0
-    """Most that they may take. Where they would take more, every second used frame is such a moment, or every third."""
+    """Most that they may take, for each hundred of the used frames where there are more. Where they would take more, fewer of the
+    used frames are such moments."""
     iterations: int = 4
     """Iterations of conjugate gradients. A fifth brings at most .03 dB to frames between the moments, twelve 2 dB to those at them
     alone."""
     damping: float = 0.05
     """Squared weight, in pixels, below which a Gaussian's color hardly follows. Four times as much loses .1 to .4 dB."""
+
+    def bytes_for(self, frames: int) -> float:
+        """Return the bytes that the colors of so many used frames may take."""
+        return 1e6 * self.megabytes * max(frames / USUAL_FRAMES, 1)
 
 
 SHOWS = 0.5
@@ -70,9 +76,8 @@ class Tinting:
         """Choose the knots: evenly among the used frames, as many as there is room for."""
         held = set(self.scene.held_out)
         used = np.array([frame for frame in range(len(self.scene.cameras)) if frame not in held])
-        room = self.config.megabytes * 1e6 / (3 * max(len(self.scene.ids), 1))
-        stride = max(int(np.ceil(len(used) / max(room, 1))), 1)
-        self.knots = used[::stride]
+        room = self.config.bytes_for(len(used)) / (3 * max(len(self.scene.ids), 1))
+        self.knots = used[evenly_spaced(len(used), max(int(room), 1))]
         self.values = np.zeros((len(self.scene.ids), len(self.knots), 3), np.int8)
         self.targets: dict[int, tuple[np.ndarray, np.ndarray | None]] = {}
         judged = np.arange(1, len(self.knots) - 1)

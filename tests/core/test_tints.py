@@ -220,6 +220,11 @@ def test_there_are_no_more_moments_than_there_is_room_for():
     assert len(found.tints.times) == 3
 
 
+def test_the_room_grows_with_the_frames_beyond_a_hundred():
+    assert TintConfig(megabytes=48.0).bytes_for(20) == TintConfig(megabytes=48.0).bytes_for(100) == 48e6
+    assert TintConfig(megabytes=48.0).bytes_for(300) == pytest.approx(144e6)
+
+
 def test_none_are_tried_where_none_are_wanted():
     assert tinted_scene(PLAIN, clip_of(PLAIN, dimmed), TintConfig(enabled=False)) is PLAIN
 
