@@ -55,12 +55,13 @@ class Rendered:
     """Channels `mask:LABEL` of labels that nothing in the scene answers to."""
 
 
-def render_path(scene: Scene, folder: Path, options: RenderOptions, progress: Progress = silent) -> Rendered:
+def render_path(scene: Scene, folder: Path | str, options: RenderOptions, progress: Progress = silent) -> Rendered:
     """Write `folder/CHANNEL/00000.png` … along a path, as `f4x render` does; depth and motion also as .npy.
 
     Raises:
         F4xError: options that are not possible, or a word that nobody knows.
     """
+    folder = Path(folder)
     if options.exr or options.motion_blur or options.aperture:
         return _render_shots(scene, folder, options, progress)
     channels = options.channels

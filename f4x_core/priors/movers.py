@@ -339,7 +339,10 @@ def _from_outline(mask: np.ndarray) -> np.ndarray:
     """Return (H, W) float32 pixels from the pixels of `mask (H, W)` to its outline; the border of the picture is one, too."""
     import cv2
 
-    return cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    found = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    # OpenCV's roots differ in the last bit from call to call; their squares are whole numbers.
+    distance: np.ndarray = np.sqrt(np.rint(found.astype(np.float64) ** 2)).astype(np.float32)
+    return distance
 
 
 def _place_rigid_body(mover: _MovingObject, maps: DepthMaps, priors: Priors) -> str:

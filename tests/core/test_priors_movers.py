@@ -650,3 +650,16 @@ def test_a_region_touches_the_ground_with_its_largest_piece():
     body = own.copy()
     own[50:54, 20:60] = True  # a shadow in front of it
     np.testing.assert_array_equal(touching.largest_piece(own), body)
+
+
+def test_distances_to_an_outline_have_the_same_bits_whatever_opencv_makes_of_the_last_one(monkeypatch):
+    """Two runs of one clip once had two depth maps: OpenCV's distances differed by one rounding."""
+    import cv2
+
+    mask = np.hypot(*np.mgrid[-30:31, -40:41]) < 25
+    found, transform = module._from_outline(mask), cv2.distanceTransform
+    true = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+    np.testing.assert_array_equal(found, true.astype(np.float32))
+    for rounding in (np.float32(1e30), np.float32(0)):
+        monkeypatch.setattr(cv2, "distanceTransform", lambda *a, to=rounding: np.nextafter(transform(*a), to))
+        assert module._from_outline(mask).tobytes() == found.tobytes()
