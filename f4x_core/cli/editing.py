@@ -8,7 +8,6 @@ from typing import Any
 from ..app.editing import Edited, EditRequest, edit_file
 from ..app.selecting import read_selection
 from ..edit.json_files import read_operations
-from ..edit.operations import TakeBack
 from ..edit.plan_lines import plan_lines, sizes
 from ..edit.resolve import EditorState
 from ..edit.stack import of
@@ -50,9 +49,8 @@ def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
     ]
     shows = edited.uncovered
     lines += filter(None, [summary_of(shows)])
-    active = sum(edit.enabled and not isinstance(edit.operation, TakeBack) for edit in of(scene).edits)
     written = args.scene if args.output is None else args.output
-    end = f"{written}: {count_of(active)} in effect; `f4x undo` takes back the last"
+    end = f"{written}: {count_of(of(scene).in_effect)} in effect; `f4x undo` takes back the last"
     return {
         **found,
         "output": None if args.dry_run else str(written),

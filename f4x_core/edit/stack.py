@@ -93,6 +93,11 @@ class EditStack:
     def __len__(self) -> int:
         return len(self.edits)
 
+    @property
+    def in_effect(self) -> int:
+        """Number of edits that change the scene: neither switched off nor there to switch another one off."""
+        return sum(edit.enabled and edit.operation.taken_back is None for edit in self.edits)
+
     @classmethod
     def from_json(cls, edits: Sequence[object], where: str) -> EditStack:
         """Read the JSON of `to_json`, with nothing to redo; F4xError begins with `where`."""

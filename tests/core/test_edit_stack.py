@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scene import random_scene
 
-from f4x_core.edit.operations import Delete, Freeze, Name, Opacity, Recolour, Style, Transform
+from f4x_core.edit.operations import Delete, Freeze, Name, Opacity, Recolour, Style, TakeBack, Transform
 from f4x_core.edit.selects import All, Ids, Moving, Not
 from f4x_core.edit.stack import (
     MAX_EDITS,
@@ -212,3 +212,12 @@ def test_deeply_nested_selections_are_refused():
         of(random_scene(dynamic=0, edits=({**GOOD, "select": select},)))
     with pytest.raises(F4xError, match="no list"):
         of(random_scene(dynamic=0, extra_fields={UNDONE: {"a": 1}}))
+
+
+def test_edits_in_effect_are_neither_taken_back_nor_what_takes_them_back():
+    stack = stack_of(*OPERATIONS[:2])
+    assert stack.in_effect == 2
+    taken = stack.append(TakeBack(2)).append(TakeBack(1))
+    assert taken.in_effect == 0 and len(taken) == 4
+    assert taken.undo().in_effect == 1 and taken.undo().undo().in_effect == 2
+    assert taken.undo().redo().in_effect == 0
