@@ -16,7 +16,7 @@ from ..language.lexicon import UNCOUNTED, plural_of, singular
 from ..query.attached import attached_to
 from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to
 from ..query.inventory import instead, labels_of
-from ..query.knowledge import refuse_unknown
+from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
 from ..query.prompts import select_by_box, select_by_points, select_by_text
@@ -144,7 +144,10 @@ class Resolver:
         if key not in self._found:
             for label in text.labels:
                 refuse_unknown(scene, label, self.encode)
-            self._found[key] = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
+            found = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
+            if len(text.labels) == 1:
+                refuse_evidence_of_another(scene, text.labels[0], found.at_threshold(THRESHOLD), self.encode)
+            self._found[key] = found
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
 

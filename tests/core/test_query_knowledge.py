@@ -148,6 +148,15 @@ def test_an_answer_that_is_another_labels_names_it(scene, monkeypatch):
     refuse_evidence_of_another(scene, "rhomb", nobody, encode(0.59))
 
 
+def test_an_edit_is_refused_what_a_query_is(scene, monkeypatch):
+    """ "Remove the unicorn" once removed the horse that a query for a unicorn asks about."""
+    monkeypatch.setattr(knowledge, "null_vector", lambda encoder: np.zeros(8))
+    near = Resolver(EditorState(), lambda name, labels: np.array([[0.59, 0, 0, np.sqrt(1 - 0.59**2), 0, 0, 0, 0]]))
+    with pytest.raises(F4xError, match=r"answers more to 'square' \(1.00 against 0.59\)"):
+        near.select(scene, Text(("rhomb",)))
+    assert near.select(scene, Text(("square",)))
+
+
 def test_a_label_of_the_asked_kind_answers_for_the_word(scene, monkeypatch):
     """A white square is a square, and evidence for it speaks for "square"; that for a square wall does not."""
     monkeypatch.setattr(knowledge, "null_vector", lambda encoder: np.zeros(8))
