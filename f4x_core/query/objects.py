@@ -64,7 +64,7 @@ class Superpoints:
     cast: np.ndarray
     """(P,) bool: shadows, ripples and reflections that move over the background."""
     kind: KindConfig = MOVING
-    """How a thing of them is found."""
+    """Search for a thing of this kind."""
     config: SelectConfig = SELECT
     """The numbers that they were made with."""
     unlike: np.ndarray | None = None

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class GraphConfig:
-    """How Gaussians become superpoints and bonds between them."""
+    """Superpoints of Gaussians and the bonds between them."""
 
     moving: int = 1000
     """Superpoints of moving Gaussians. With so many, labelling superpoints rather than Gaussians costs .02 of IoU, and matrices of
@@ -65,7 +65,7 @@ class GraphConfig:
     differs: float = 0.035
     """Difference from the background behind (`standing_out.unlike`) for which such a bond is weaker by 1/e."""
     cast: float = 0.085
-    """What moves and differs less than this from the background behind is cast on it: shadows, ripples, reflections."""
+    """Moving Gaussians that differ less than this from the background behind are cast on it: shadows, ripples, reflections."""
     unsure: float = 0.02
     """Within about so much of `cast` the neighbours decide."""
     vote: float = 0.1
@@ -74,7 +74,7 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class Cutting:
-    """Which of the outlines along a walk is that of the thing."""
+    """Choice of the thing's outline among those along a walk."""
 
     contrast: float
     """Power of the mean strength of the cut bonds, as a fraction of what they could be; the rest is the power of the conductance,
@@ -86,7 +86,7 @@ class Cutting:
 
 @dataclass(frozen=True)
 class KindConfig:
-    """How a thing of one kind, moving or static, is found on its graph."""
+    """Search for a thing of one kind, moving or static, on its graph."""
 
     escape: float
     """Fraction of the walkers that is lost at every superpoint."""
@@ -96,7 +96,7 @@ class KindConfig:
     """Least fraction of the blend weights of this kind in a box that belongs to the thing: the box is drawn around it, and not much
     else of the kind is there."""
     cutting: Cutting
-    """Which of the outlines is meant. On four filmed clips `contrast` 0 and 1 find what moves (IoU .74 and .73); of what is static
+    """Choice of the outline. On four filmed clips `contrast` 0 and 1 find what moves (IoU .74 and .73); of what is static
     conductance takes half the picture. `clear` was chosen on a fit of breakdance, whose spectators move (IoU of the dancer's
     superpoints .56 with 0, .77 with .006 to .01; another fit parts the dancer by .01 to .02 and gains nothing); half of a thing is
     cut off by .035 and more (dog, camel, car-shadow)."""
@@ -109,7 +109,7 @@ STATIC = KindConfig(escape=1e-2, sizes=(0.001, 0.3), filled=0.7, cutting=Cutting
 
 @dataclass(frozen=True)
 class ThingConfig:
-    """Which superpoints and Gaussians belong to what is marked."""
+    """Thresholds by which superpoints and Gaussians belong to a marked thing."""
 
     moving: KindConfig = MOVING
     """Things that move."""
@@ -151,7 +151,7 @@ class ThingConfig:
 
 @dataclass(frozen=True)
 class PictureConfig:
-    """How a picture is cut into superpixels, and which of them a click on something static means."""
+    """Superpixels of a picture, and the choice among them for a click on something static."""
 
     columns: int = 480
     """Width in pixels of the pictures that are cut, whatever the clip's: windows and sizes are those of such pictures."""
@@ -174,7 +174,7 @@ class PictureConfig:
     usual: float = math.exp(-5.0)
     """The usual size of a thing, as a fraction of the picture."""
     size: float = 0.1
-    """How much the squared logarithm of another size counts against the logarithm of the mean bond that is cut. One point tells no
+    """Weight of the squared logarithm of another size against the logarithm of the mean bond that is cut. One point tells no
     size: without this a click finds .45 of what is meant, with it .52 (mean IoU of 38 things on six filmed clips). Twice the
     weight, or 1.6 times or a part of the size, change that by .03 or less."""
     spread: float = 0.025
@@ -195,7 +195,7 @@ class PictureConfig:
 
 @dataclass(frozen=True)
 class FollowConfig:
-    """How a mask on one frame becomes a selection for all of them."""
+    """Following of a mask on one frame through all frames."""
 
     lifted: int = 20
     """Frames, evenly over the clip, whose masks are lifted to Gaussians; 0 = the prompted ones alone, which is quick."""

@@ -37,7 +37,7 @@ class _Size:
     usual: float
     """The likeliest size."""
     weight: float
-    """How much the squared logarithm of another size counts (`PictureConfig.size`)."""
+    """Weight of the squared logarithm of another size (`PictureConfig.size`)."""
     most: float
     """The greatest one."""
 
