@@ -50,7 +50,7 @@ def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
     shows = edited.uncovered
     lines += filter(None, [summary_of(shows)])
     written = args.scene if args.output is None else args.output
-    end = f"{written}: {count_of(of(scene).in_effect)} in effect; `f4x undo` takes back the last"
+    end = f"{written}: {count_of(len(of(scene).in_effect))} in effect; `f4x undo` takes back the last"
     return {
         **found,
         "output": None if args.dry_run else str(written),

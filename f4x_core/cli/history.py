@@ -111,7 +111,9 @@ def _stack_result(args: argparse.Namespace, stack: EditStack, moved: int, verb: 
     """Return the result of undo or redo, which moved so many edits; `verb` says what happened to them."""
     done, undone = len(stack), len(stack.undone)
     fewer = f" (there were no more, {args.count} were asked for)" if moved < args.count else ""
-    text = f"{args.scene}: {count_of(moved)} {verb}{fewer}; {count_of(stack.in_effect)} in effect, {undone} to redo"
+    text = (
+        f"{args.scene}: {count_of(moved)} {verb}{fewer}; {count_of(len(stack.in_effect))} in effect, {undone} to redo"
+    )
     return {"edits": done, "undone": undone, "text": text}
 
 

@@ -65,7 +65,7 @@ def _bake(scene: Scene) -> Scene:
     """
     scene = with_keys_folded(base_of(scene))
     stack = of(scene)
-    active = tuple(edit for edit in stack.edits if edit.enabled and edit.operation.taken_back is None)
+    active = stack.in_effect
     kept = EditStack(active)
     whole = edited(with_stack(scene, kept))
     for count in _foldable(scene, active):

@@ -156,7 +156,7 @@ def read_sentence(
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
-    active = (edit for edit in reversed(of(scene).edits) if edit.enabled and edit.operation.taken_back is None)
+    active = reversed(of(scene).in_effect)
     earlier, copies = next((edit.sentence for edit in active), ""), _copies(scene)
 
     def read(text: str) -> tuple[Change, ...]:

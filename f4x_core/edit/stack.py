@@ -46,6 +46,11 @@ class Edit:
         if len(self.sentence) > MAX_SENTENCE_LENGTH:
             raise F4xError(f"said has {len(self.sentence)} letters; keep at most {MAX_SENTENCE_LENGTH}.")
 
+    @property
+    def in_effect(self) -> bool:
+        """True if it changes the scene: neither switched off nor there to switch another one off."""
+        return self.enabled and self.operation.taken_back is None
+
     def titled(self, number: int) -> str:
         """Return its name in messages as the edit `number` (from 1) of its stack: "edit 3 (recolour)"."""
         return f"edit {number} ({self.operation.TAG})"
@@ -94,9 +99,9 @@ class EditStack:
         return len(self.edits)
 
     @property
-    def in_effect(self) -> int:
-        """Number of edits that change the scene: neither switched off nor there to switch another one off."""
-        return sum(edit.enabled and edit.operation.taken_back is None for edit in self.edits)
+    def in_effect(self) -> tuple[Edit, ...]:
+        """The edits that change the scene, first to last."""
+        return tuple(edit for edit in self.edits if edit.in_effect)
 
     @classmethod
     def from_json(cls, edits: Sequence[object], where: str) -> EditStack:

@@ -214,7 +214,7 @@ class FollowConfig:
 
 @dataclass(frozen=True)
 class MatteConfig:
-    """How the outline of a selection is refined in the picture.
+    """Refinement of the outline of a selection in the picture.
 
     Chosen on quick fits of camel, car-shadow and dog: mean J of a first-frame mask .898 to .913, of a click .813 to .836. The
     clip's frames in place of the drawn pictures give the mask .917. Refined twice, camel gains another .003 and car-shadow loses
@@ -224,7 +224,7 @@ class MatteConfig:
     reach: float = 4 / 480
     """Half the width of the band that is refined, in widths of the picture."""
     window: float = 50 / 480
-    """How far pixels count in the colour models, in widths of the picture; with 30 J is .005 less on camel, with 80 the same."""
+    """Reach of pixels in the colour models, in widths of the picture; with 30 J is .005 less on camel, with 80 the same."""
     colours: int = 24
     """Main colours of the picture by which both models are histograms; with 40 the same within .001."""
     alike: float = 0.06
@@ -252,13 +252,13 @@ class SelectConfig:
     graph: GraphConfig = field(default_factory=GraphConfig)
     """Superpoints and their bonds."""
     thing: ThingConfig = field(default_factory=ThingConfig)
-    """What of them belongs to what is marked."""
+    """Membership of a marked thing."""
     picture: PictureConfig = field(default_factory=PictureConfig)
     """Superpixels, for static things."""
     follow: FollowConfig = field(default_factory=FollowConfig)
-    """How masks are followed through the clip."""
+    """Following of masks through the clip."""
     matte: MatteConfig = field(default_factory=MatteConfig)
-    """How outlines are refined in pictures."""
+    """Refinement of outlines in pictures."""
 
 
 SELECT = SelectConfig()

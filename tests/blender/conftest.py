@@ -1,4 +1,4 @@
-"""What the tests in Blender share: their marker, which skips them where Blender's module is absent, and scenes to open."""
+"""Shared by the tests in Blender: their marker, which skips them where Blender's module is absent, and scenes to open."""
 
 from importlib.util import find_spec
 from pathlib import Path

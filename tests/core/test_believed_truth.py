@@ -1,4 +1,4 @@
-"""How far aside a view can be believed, against the displacement that wrong depth brings where the right one is known."""
+"""Angles up to which a view can be believed, against the displacement that wrong depth brings where the right one is known."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

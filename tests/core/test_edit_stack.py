@@ -216,8 +216,8 @@ def test_deeply_nested_selections_are_refused():
 
 def test_edits_in_effect_are_neither_taken_back_nor_what_takes_them_back():
     stack = stack_of(*OPERATIONS[:2])
-    assert stack.in_effect == 2
+    assert stack.in_effect == stack.edits
     taken = stack.append(TakeBack(2)).append(TakeBack(1))
-    assert taken.in_effect == 0 and len(taken) == 4
-    assert taken.undo().in_effect == 1 and taken.undo().undo().in_effect == 2
-    assert taken.undo().redo().in_effect == 0
+    assert taken.in_effect == () and len(taken) == 4
+    assert [edit.id for edit in taken.undo().in_effect] == [1] and taken.undo().undo().in_effect == stack.edits
+    assert taken.undo().redo().in_effect == ()

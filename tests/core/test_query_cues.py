@@ -1,4 +1,4 @@
-"""How the table of cues is read: values, alternatives, optional words, and references."""
+"""The table of cues as it is read: values, alternatives, optional words, and references."""
 
 import pytest
 

@@ -42,12 +42,14 @@ class TakeBack(Change):
         """All edits in effect, or those of the last sentence, the last one first."""
         if self.edit not in (LAST, ALL):
             return (self,)
-        active = [edit for edit in reversed(edits) if edit.enabled and edit.operation.taken_back is None]
+        active = [edit for edit in reversed(edits) if edit.in_effect]
         if not active:
             raise F4xError("No edit is in effect that could be taken back.")
         if self.edit == LAST:
-            last, said = active[0], active[0].sentence
-            active = [*takewhile(lambda edit: edit is last or (said and edit.sentence == said), active)]
+            last = active[0]
+            active = [
+                *takewhile(lambda edit: edit is last or (last.sentence and edit.sentence == last.sentence), active)
+            ]
         return tuple(TakeBack(edit.id, edit.operation.described()) for edit in active)
 
     def described(self) -> str:
