@@ -84,19 +84,15 @@ class LargeMaps:
         """Return depth and confidence of supervised frame `frame`."""
         priors = self.priors
         assert priors.depth is not None
-        if not self.same:
-            return self._enlarged_depth(frame)
-        confidence = None if priors.depth_confidence is None else priors.depth_confidence[frame]
-        return DepthMap(
-            priors.depth[frame], np.ones(priors.depth[frame].shape, np.float16) if confidence is None else confidence
-        )
+        depth: np.ndarray = priors.depth[frame]
+        given = priors.depth_confidence
+        found = DepthMap(depth, np.ones(depth.shape, np.float16) if given is None else given[frame])
+        return found if self.same else self._enlarged_depth(frame, found)
 
-    def _enlarged_depth(self, frame: int) -> DepthMap:
+    def _enlarged_depth(self, frame: int, small: DepthMap) -> DepthMap:
         """Enlarge depth and confidence of dynamic and static pixels apart, so that they do not mix along an outline."""
         priors, width, height = self.priors, self.width, self.height
-        assert priors.depth is not None
-        depth = priors.depth[frame]
-        confidence = np.ones(depth.shape) if priors.depth_confidence is None else priors.depth_confidence[frame]
+        depth, confidence = small.depth, small.confidence
         moving = np.zeros(depth.shape, bool) if priors.mask is None else priors.mask[frame]
         inside = False if priors.mask is None else self.mask(frame)
         known = np.isfinite(depth)
