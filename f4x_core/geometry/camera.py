@@ -145,6 +145,12 @@ class CameraPath:
         return Camera(intrinsics, pose.to_matrix(*pose.invert(turned, center)), self.width, self.height)
 
     @property
+    def mean_down(self) -> np.ndarray:
+        """(3,) unit vector in the world: down in the mean camera."""
+        down = self.world_to_camera[:, 1, :3].mean(0)
+        return down / max(float(np.linalg.norm(down)), 1e-9)
+
+    @property
     def steady(self) -> bool:
         """Return True if the times are 0, 1, 2, ...: frames that are evenly spaced, all of them."""
         return are_indices(self.times)

@@ -295,19 +295,13 @@ def ground_prior(cameras: CameraPath) -> np.ndarray:
 
     Inverse distance is `0.7 + s`, s that of `below_horizon`.
     """
-    down, every = mean_down(cameras), pixel_grid(cameras.height, cameras.width)
+    down, every = cameras.mean_down, pixel_grid(cameras.height, cameras.width)
 
     def plain(frame: int) -> np.ndarray:
         below = below_horizon(cameras[frame], every, down)
         return (0.7 * below[..., 1] + below[..., 0]).astype(np.float32)
 
     return np.stack(in_threads(plain, range(len(cameras))))
-
-
-def mean_down(cameras: CameraPath) -> np.ndarray:
-    """Return (3,) unit vector in the world: down in the mean camera."""
-    down = cameras.world_to_camera[:, 1, :3].mean(0)
-    return down / max(float(np.linalg.norm(down)), 1e-9)
 
 
 def below_horizon(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
@@ -356,7 +350,7 @@ def _static_depth(
     usual = [one.usual for one in samples]
     hidden = None if clip.hidden is None else clip.hidden[priors.frames]
     swept = sweep(cameras, pictures, hidden, samples, STRIDE, lambda done: progress("depth", frames + done, 3 * frames))
-    down, grid = mean_down(cameras), sample_grid(height, width)
+    down, grid = cameras.mean_down, sample_grid(height, width)
     inverse, confidence = np.empty((2, *moving.shape), np.float32)
 
     def solve(i: int) -> float:

@@ -38,6 +38,7 @@ from .contact import (
     smooth_object_depth,
     without_upright,
 )
+from .heading import Extents, turn_along_way
 from .own_motion import MIN_POINTS, OwnMotion, TracksOnObject, solve
 
 if TYPE_CHECKING:
@@ -64,8 +65,6 @@ TOUCH_QUANTILE = 0.98
 TURN_LIMIT, TURNS, TURN_COST = 1.5, 31, 0.05
 """Largest turn of a region against the view (relative inverse depth over the picture's width), how many are tried, and the
 fraction of touching columns that a turn of 1 must win."""
-TILT_FRAMES, TILT_RANGE = 3.0, (0.5, 2.0)
-"""Frames over which the turn of a region is smoothed, and the bounds of what it may do to the inverse depth."""
 ROUND, FEET_LEVEL = 0.7, 0.6
 """Depth of a body without a structure of its own as a fraction of its width, as it would be if each piece of it were a ball, and
 the part of that height that is as far as what it stands on: outlines are farther, the middle is nearer. Chosen on
@@ -308,20 +307,18 @@ def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) 
     edges = _ground_edges(mover.frames, owns, maps, priors)
     assert priors.cameras is not None
 
-    def contact(i: int) -> tuple[float, float, float]:
-        f = mover.frames[i]
-        return _contact(maps.inverse[f], maps.moving[f], owns[i], edges[i])
-
-    contacts = np.array(in_threads(contact, range(len(mover.frames))))
     size = np.array(in_threads(lambda i: growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1)))
-    middle, tilt, trust = contacts.T
+    cameras, extents = priors.cameras.at_times(priors.cameras.times[mover.frames]), Extents.of(mover.masks)
+    contacts = [
+        _contact(maps.inverse[f], maps.moving[f], *one) for f, *one in zip(mover.frames, owns, edges, strict=True)
+    ]
+    middle, trust = np.array(contacts).T
     stands = trust > NO_CONTACT
     solved, certain = smooth_object_depth(middle, trust * (stands | ~stands.any()), size)
-    norm = ndimage.gaussian_filter1d(trust + 1e-3, TILT_FRAMES)
-    tilt = ndimage.gaussian_filter1d(tilt * (trust + 1e-3), TILT_FRAMES) / norm
-    for f, mask, value, slope, sure in zip(mover.frames, mover.masks, solved, tilt, certain, strict=True):
+    turns = turn_along_way(extents, solved, cameras)
+    for f, mask, value, turn, sure in zip(mover.frames, mover.masks, solved, turns, certain, strict=True):
         y, x = np.nonzero(mask)
-        turned = np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
+        turned = 1 + turn * (x - x.mean())
         maps.inverse[f][y, x] = value * turned / (1 - _bulge(mask) / float(priors.cameras.intrinsics[f, 0, 0]))
         maps.confidence[f][y, x] = guessed_confidence(priors, sure)
     return "ground contact" if stands.mean() >= MIN_CONTACT_FRAMES else "size" if stands.any() else "surroundings"
@@ -396,24 +393,22 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
     return np.clip(ndimage.map_coordinates(coarse, at, order=1, mode="nearest"), *np.percentile(values, (2, 98)))
 
 
-def _contact(
-    inverse: np.ndarray, moving: np.ndarray, own: np.ndarray, found: GroundEdge | None
-) -> tuple[float, float, float]:
-    """Return a region's inverse depth at its mean column, the relative change per column, and trust in both, 0..1.
+def _contact(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray, found: GroundEdge | None) -> tuple[float, float]:
+    """Return a region's inverse depth at its mean column, and trust in it, 0..1.
 
     Nothing is behind the ground that it is seen in front of, so the region, an upright plane of inverse depth
     `a (1 + b (column - mean))`, lies above the ground's values on its lower edge and touches them at its feet; of all turns
     `b` the one that touches most columns is taken (feet and wheels do, bellies and tails do not).
     """
     if found is None:
-        return inverse_around(inverse, moving, own), 0.0, NO_CONTACT
+        return inverse_around(inverse, moving, own), NO_CONTACT
     width, edge, run = own.shape[1], found.ground, found.run
     usual = max(float(edge.max()), 1e-6)
-    best, a, b = -np.inf, usual, 0.0
+    best, a = -np.inf, usual
     for turn in np.linspace(-TURN_LIMIT, TURN_LIMIT, TURNS) / width:  # relative change per column
         touching = float(np.quantile(edge / (1 + turn * run), TOUCH_QUANTILE))
         gap = 1 - edge / (touching * (1 + turn * run))
         score = float(np.exp(-((gap / GROUND_NOISE) ** 2)).mean()) - TURN_COST * (turn * width) ** 2
         if score > best:
-            best, a, b = score, touching, turn
-    return max(a, 0.3 * usual), b, found.trust
+            best, a = score, touching
+    return max(a, 0.3 * usual), found.trust

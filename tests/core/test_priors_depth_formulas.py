@@ -224,15 +224,15 @@ def test_holes_take_the_mean_of_a_growing_neighbourhood():
 def test_down_is_the_mean_of_the_cameras_downs():
     cameras = path()
     mean = sum(one[1, :3] for one in cameras.world_to_camera) / 5
-    np.testing.assert_allclose(module.mean_down(cameras), mean / np.linalg.norm(mean))
+    np.testing.assert_allclose(cameras.mean_down, mean / np.linalg.norm(mean))
     local = (np.array([7.0, 20]) - [18, 15]) / [30, 36]
     ray = np.array([*local, 1])
-    down = cameras.world_to_camera[2, :3, :3] @ module.mean_down(cameras)
-    found = module.below_horizon(cameras[2], np.array([[7.0, 20], [18, -40]]), module.mean_down(cameras))
+    down = cameras.world_to_camera[2, :3, :3] @ cameras.mean_down
+    found = module.below_horizon(cameras[2], np.array([[7.0, 20], [18, -40]]), cameras.mean_down)
     np.testing.assert_allclose(found[0], [max(ray @ down, 0), np.linalg.norm(ray)])
     assert found[1, 0] == 0
     plain = module.ground_prior(cameras)[2, 19, 6]
-    here = module.below_horizon(cameras[2], np.array([6.5, 19.5]), module.mean_down(cameras))
+    here = module.below_horizon(cameras[2], np.array([6.5, 19.5]), cameras.mean_down)
     assert plain == pytest.approx(0.7 * here[1] + here[0], rel=1e-6)
 
 
@@ -432,7 +432,7 @@ def test_static_depth_merges_flow_tracks_and_the_plain_world():
         rho, precision = joined.inverse, joined.precision
         least = usual / module.MAX_DEPTH
         rho = np.clip(rho, least, 1e3 * usual)
-        below = module.below_horizon(cameras[i], grid, module.mean_down(cameras))
+        below = module.below_horizon(cameras[i], grid, cameras.mean_down)
         plain = np.maximum(module.plain_world(rho, precision, below, usual), least)
         belief = 1 / (module.PLAIN_NOISE * usual) ** 2
         known, rho = precision, (precision * rho + belief * plain) / (precision + belief)

@@ -11,6 +11,7 @@ from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors
 from f4x_core.priors import contact as touching
 from f4x_core.priors import movers as module
+from f4x_core.priors.heading import Extents, turn_along_way
 from f4x_core.priors.own_motion import OwnMotion
 
 HEIGHT, WIDTH, FRAMES = 60, 80, 4
@@ -86,7 +87,7 @@ def test_too_little_ground_is_none():
     moving = own.copy()
     moving[:30] = True
     rim = ndimage.binary_dilation(own, iterations=12) & ~moving
-    assert contact(inverse, maps[1], moving, own) == (np.median(inverse[rim]), 0.0, touching.NO_CONTACT)
+    assert contact(inverse, maps[1], moving, own) == (np.median(inverse[rim]), touching.NO_CONTACT)
     everything = np.ones((HEIGHT, WIDTH), bool)
     assert contact(inverse, maps[1], everything, own)[0] == np.median(inverse)
 
@@ -117,8 +118,8 @@ def contact_by_hand(inverse, confidence, moving, own):
         gap = 1 - edge / (touching * (1 + turn * run))
         score = np.mean(np.exp(-((gap / 0.03) ** 2))) - 0.05 * (turn * WIDTH) ** 2
         if best is None or score > best[0] + 1e-12:
-            best = score, touching, turn
-    return max(best[1], 0.3 * edge.max()), best[2], trust
+            best = score, touching
+    return max(best[1], 0.3 * edge.max()), trust
 
 
 def test_a_region_is_turned_until_most_of_it_touches_the_ground():
@@ -417,8 +418,9 @@ def bulge_by_hand(mask):
 
 
 @pytest.mark.parametrize("kind", ["moving", "static"])
-def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
+def test_an_upright_plane_per_frame_stands_on_its_contacts_and_faces_its_way(kind):
     priors, inverse, confidence = world(frames=6, kind=kind)
+    priors.mask[:, 12:18, 20:60] = True
     inverse *= np.linspace(0.7, 1.4, WIDTH, dtype=np.float32)
     priors.flow_forward = np.tile(np.float32([2, 0]), (5, HEIGHT, WIDTH, 1))
     priors.flow_forward_mask = np.ones((5, HEIGHT, WIDTH), bool)
@@ -426,15 +428,14 @@ def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
     before = inverse.copy()
     contacts = np.array([contact(before[f], confidence[f], priors.mask[f], priors.mask[f]) for f in range(6)])
     growth = np.array([touching.growth(priors, f, priors.mask[f]) for f in range(5)])
-    solved, certain = touching.smooth_object_depth(contacts[:, 0], contacts[:, 2], growth)
-    norm = ndimage.gaussian_filter1d(contacts[:, 2] + 1e-3, 3.0)
-    tilt = ndimage.gaussian_filter1d(contacts[:, 1] * (contacts[:, 2] + 1e-3), 3.0) / norm
+    solved, certain = touching.smooth_object_depth(contacts[:, 0], contacts[:, 1], growth)
+    turns = turn_along_way(Extents.of(priors.mask), solved, priors.cameras)
     assert module._place_upright_plane(mover, maps_of(priors, inverse, confidence), priors) == "ground contact"
-    assert abs(tilt).max() > 1e-3
+    assert abs(turns).max() > 1e-4
     for f in range(6):
         middle, bulge = np.nonzero(priors.mask[f])[1].mean(), bulge_by_hand(priors.mask[f])
         for (y, x), nearer in zip(np.argwhere(priors.mask[f]), bulge, strict=True):
-            expected = solved[f] * min(max(1 + tilt[f] * (x - middle), 0.5), 2.0) / (1 - nearer / 70)
+            expected = solved[f] * (1 + turns[f] * (x - middle)) / (1 - nearer / 70)
             assert inverse[f, y, x] == pytest.approx(expected, rel=1e-5)
         sure = touching.MOVING_CONFIDENCE * certain[f] if kind == "moving" else touching.GUESS_CONFIDENCE
         np.testing.assert_allclose(confidence[f][priors.mask[f]], sure, rtol=1e-5)
@@ -445,7 +446,7 @@ def test_an_upright_plane_per_frame_stands_on_its_contacts(kind):
 def test_what_decided_a_planes_depth(standing, word, monkeypatch):
     """A quarter of eight frames with contact are enough to speak of it."""
     priors, inverse, confidence = world(frames=8)
-    rows = [(1.0, 0.0, 0.8 if f < standing else touching.NO_CONTACT) for f in range(8)]
+    rows = [(1.0, 0.8 if f < standing else touching.NO_CONTACT) for f in range(8)]
     monkeypatch.setattr(module, "_contact", lambda *all: rows.pop(0))
     mover = module._MovingObject(np.arange(8), priors.mask, np.zeros(0, int))
     assert module._place_upright_plane(mover, maps_of(priors, inverse, confidence), priors) == word
