@@ -386,7 +386,7 @@ def test_where_depth_is_a_guess_rigidity_takes_out_its_drift():
     shift = np.array([0.0, 0.0, 4.0])
     drift = 1 + 0.05 * np.sin(np.arange(12))[:, None, None]  # every frame has a depth of its own
     wrong = replace(scaffold, xyz=((truth + shift) * drift).astype(np.float32))
-    config = GeometryConfig(steps=200)
+    config = GeometryConfig(steps=200, along_ray=1 / 256)
     guess = optimise_geometry(wrong, config, sightlines=seen_from_the_origin(wrong, 0.0))
     sure = optimise_geometry(wrong, config, sightlines=seen_from_the_origin(wrong, 1.0))
     plain = optimise_geometry(wrong, config)
