@@ -209,6 +209,21 @@ class LossConfig:
     """Squared second differences of the corrections to the camera path, per pixel of image motion."""
 
 
+@dataclass(frozen=True)
+class EndingConfig:
+    """Early end of a fit, once frames that it has not drawn yet gain no more."""
+
+    min_gain: float = 0.1
+    """Least gain of those frames between two moments (dB); a fit that gains less skips steps. 0 = every step is done."""
+    at: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.7)
+    """Moments at which they are measured, as fractions of the steps. They are drawn from the last one on, or once steps are
+    skipped."""
+    goes_on_at: float = 0.8
+    """Fraction of the steps at which a fit goes on that gains no more: rates have to fall, and those frames have to be drawn."""
+    frames: int = 4
+    """Frames kept aside, evenly over the clip; clips of fewer than eight times as many used frames keep none aside."""
+
+
 SETTINGS = "settings"
 """`FitConfig.counts_from` where nobody granted memory or minutes."""
 LARGE_MOTION, MAX_MOVING = 0.25, 0.5
@@ -266,6 +281,8 @@ class FitConfig:
     """Fraction of the steps after which cameras are refined."""
     dw_from: float = 0.5
     """Fraction of the steps after which the graph is frozen and skinning offsets are learnt."""
+    ending: EndingConfig = field(default_factory=EndingConfig)
+    """Early end."""
     average_from: float = 0.85
     """Fraction of the steps from which on the Gaussians and nodes of moving objects are averaged: their rates do not fall."""
     graph_every: int = 100
@@ -329,6 +346,7 @@ class FitConfig:
 def _quick() -> FitConfig:
     return FitConfig(
         name="quick",
+        ending=EndingConfig(min_gain=0),
         steps=1200,
         coarse=0.15,
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
@@ -351,6 +369,7 @@ def _quick() -> FitConfig:
 def _nvidia() -> FitConfig:
     return FitConfig(
         name="nvidia",
+        ending=EndingConfig(min_gain=0),
         rates=RateConfig(lifetimes=0),
         steps=8000,
         max_sh_degree=3,
@@ -364,6 +383,7 @@ def _nvidia() -> FitConfig:
 def _dycheck() -> FitConfig:
     return FitConfig(
         name="dycheck",
+        ending=EndingConfig(min_gain=0),
         rates=RateConfig(lifetimes=0),
         steps=8000,
         max_sh_degree=3,
@@ -376,6 +396,7 @@ def _dycheck() -> FitConfig:
 def _f4x_davis() -> FitConfig:
     return FitConfig(
         name="f4x_davis",
+        ending=EndingConfig(min_gain=0),
         rates=RateConfig(lifetimes=0),
         steps=5000,
         shifts=(2, 4),

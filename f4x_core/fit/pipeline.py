@@ -224,7 +224,13 @@ def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tupl
 def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> FitResult:
     """Return the scene that a trainer has learnt, with its provenance. `seconds`: wall time per stage."""
     clip, model = trainer.clip, trainer.model
-    needs = [*_picture_need(clip), _colour_need(trainer), *trainer.needs, _gaussian_need(trainer)]
+    needs = [
+        *_picture_need(clip),
+        _colour_need(trainer),
+        *trainer.needs,
+        _gaussian_need(trainer),
+        *_steps_need(trainer),
+    ]
     scene = Scene(
         name=clip.name,
         static=_static_set(model),
@@ -319,6 +325,16 @@ def _gaussian_need(trainer: Trainer) -> Need:
         f"uncovered cells at the start asked for {asked}, then screen-space gradients{gain}",
         f"{max(cap - static - dynamic, 0):,} of at most {cap:,}",
     )
+
+
+def _steps_need(trainer: Trainer) -> list[Need]:
+    """Return how many of the steps were done and why, where a fit may end early."""
+    if not trainer.aside_psnr:
+        return []
+    ending, total = trainer.config.ending, trainer.config.steps
+    measured = ", ".join(f"{value:.2f}" for value in trainer.aside_psnr)
+    why = f"{len(trainer.aside)} frames kept aside had {measured} dB; at least {ending.min_gain:+g} dB each time was wanted"
+    return [Need("steps", f"{total - trainer.skipped:,} of {total:,}", why, f"{trainer.skipped:,} steps skipped")]
 
 
 def _static_set(model: SceneModel) -> StaticSet:

@@ -29,7 +29,7 @@ from ..scaffold.adam import Adam
 from ..scaffold.optimise import with_graph
 from .averaging import RunningMeans
 from .checkpoint import save_checkpoint
-from .config import FitConfig
+from .config import EndingConfig, FitConfig
 from .frame_data import FrameData, MovingTracks
 from .harmonics import GAIN_DB, next_band
 from .loss_terms import LossTerm, Rendered, loss_terms, total_loss
@@ -60,6 +60,13 @@ class FitStart:
     """Set -> how many Gaussians the clip asked for and how many were allowed."""
 
 
+def frames_aside(frames: int, ending: EndingConfig) -> frozenset[int]:
+    """Return which of so many used frames are kept aside; none where a fit does not end early."""
+    if not ending.min_gain or frames < 8 * ending.frames:
+        return frozenset()
+    return frozenset(evenly_spaced(frames, ending.frames + 2)[1:-1].tolist())
+
+
 class Trainer:
     """Optimises a model against a clip and its priors; it can stop after any step and go on bit-equal.
 
@@ -86,6 +93,12 @@ class Trainer:
         """Loss of the last step."""
         self.history: list[dict[str, float]] = []
         """The quality curve."""
+        self.aside = frames_aside(len(model.times), config.ending)
+        """Frames that are not drawn before the last moment of `config.ending`."""
+        self.aside_psnr: list[float] = []
+        """Mean PSNR (dB) of the frames kept aside, at each moment so far."""
+        self.skipped = 0
+        """Steps that were skipped because these frames gained no more."""
         self.band_gains: list[float] = []
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
@@ -133,6 +146,8 @@ class Trainer:
         if self.model.dynamic is not None:
             last = range(first_step_from(config.average_from, total) + 1, total + 1)
             actions.append(Action("what moves averaged", done, last, self._average))
+        if self.aside:
+            actions.append(Action("end considered", done, steps_at(config.ending.at, total), self._consider_end))
         return [*actions, Action("quality measured", done, every(config.measure_every, total), self.measure)]
 
     def run(self, checkpoint: Path | None = None, settings_hash: str = "", progress: Progress = silent) -> None:
@@ -198,9 +213,11 @@ class Trainer:
         return len(self.model) + (0 if self.model.frozen is None else len(self.model.frozen))
 
     def _next_frame(self) -> int:
-        """Return the next frame: each supervised one once, in random order, then again."""
+        """Return the next frame: each supervised one once, in random order, then again; without those that are kept aside."""
         if not self.order:
             self.order = torch.randperm(len(self.model.times), generator=self.generator).tolist()
+            if self.aside and self.step < max(steps_at(self.config.ending.at, self.config.steps)):
+                self.order = [frame for frame in self.order if frame not in self.aside]
         return self.order.pop()
 
     def render(
@@ -300,12 +317,25 @@ class Trainer:
     def _densify(self, name: str) -> None:
         self.next_id = self.controls[name].densify_and_prune(self.next_id)
 
+    def _consider_end(self) -> None:
+        """Skip the steps up to `goes_on_at` when the frames kept aside have gained too little since the last moment."""
+        ending, total = self.config.ending, self.config.steps
+        self.aside_psnr.append(self._mean_psnr(sorted(self.aside)))
+        gains = np.diff(self.aside_psnr)
+        if len(gains) and gains[-1] < ending.min_gain:
+            goes_on = max(round(ending.goes_on_at * total), self.step)
+            self.skipped, self.step, self.order = goes_on - self.step, goes_on, []
+
+    def _mean_psnr(self, frames: Sequence[int]) -> float:
+        """Return the mean PSNR (dB) of supervised `frames` at full size."""
+        full = self.levels[0]
+        scores = [psnr(self.picture(frame), full.rgb[frame].float() / 255, full.seen(frame)) for frame in frames]
+        return float(np.nanmean(scores))
+
     def measure(self) -> None:
         """Add one point to the quality curve: PSNR of a few supervised frames at full size."""
         frames = evenly_spaced(len(self.model.times), MEASURED_FRAMES).tolist()
-        full = self.levels[0]
-        scores = [psnr(self.picture(frame), full.rgb[frame].float() / 255, full.seen(frame)) for frame in frames]
-        point = {"step": self.step, "loss": self.loss, "psnr": float(np.nanmean(scores))}
+        point = {"step": self.step, "loss": self.loss, "psnr": self._mean_psnr(frames)}
         self.history.append({**point, "gaussians": float(len(self.model))})
 
     def picture(self, frame: int) -> Tensor:
@@ -328,6 +358,8 @@ class Trainer:
             "generator": self.generator.get_state(),
             "history": json.dumps(self.history),
             "band_gains": self.band_gains,
+            "aside_psnr": self.aside_psnr,
+            "skipped": self.skipped,
             "cameras": {n: p.detach() for n, p in model.rig.parameters.items()},
             "shared": self.shared.state_dict(),
             "averages": self.averages.state(),
@@ -381,3 +413,4 @@ class Trainer:
             self.controls[name].limit, self.controls[name].lacking = int(saved["limit"]), int(saved["lacking"])
         self.generator.set_state(state["generator"])
         self.history, self.band_gains = json.loads(state["history"]), list(state["band_gains"])
+        self.aside_psnr, self.skipped = list(state["aside_psnr"]), state["skipped"]

@@ -11,7 +11,7 @@ from toy import clip_and_priors
 
 from f4x_core.errors import Cancelled
 from f4x_core.fit import trainer
-from f4x_core.fit.config import LossConfig, NodeConfig, profile
+from f4x_core.fit.config import EndingConfig, LossConfig, NodeConfig, profile
 from f4x_core.fit.loss_terms import total_loss
 from f4x_core.fit.trainer import FitStart, Trainer
 from f4x_core.gaussians import DensityConfig, SpawnConfig, spawn_static
@@ -207,3 +207,65 @@ def test_new_nodes_and_gaussians_are_counted_on(stage_of):
     stage = stage_of()
     assert stage.next_node_id == 24 and stage.next_id == 900 and np.isnan(stage.loss)
     assert stage_of(losses=LossConfig(mask=0)).fraction == 0
+
+
+@pytest.fixture
+def early(stage_of, monkeypatch):
+    """A trainer of twenty steps that keeps frame 1 aside and measures it three times; `psnr` is what it then has."""
+
+    def make(psnr: list[float], **changes) -> Trainer:
+        monkeypatch.setattr(trainer, "frames_aside", lambda frames, ending: frozenset({1}))
+        stage = stage_of(steps=20, ending=EndingConfig(min_gain=0.1, at=(0.3, 0.4, 0.5), goes_on_at=0.8), **changes)
+        scores = iter(psnr)
+        monkeypatch.setattr(stage, "_mean_psnr", lambda frames: next(scores) if list(frames) == [1] else 20.0)
+        return stage
+
+    return make
+
+
+def drawn_by(stage: Trainer, monkeypatch) -> list[tuple[int, int]]:
+    """Steps and frames of a whole fit."""
+    looks, render = [], stage.render
+    monkeypatch.setattr(stage, "render", lambda frame, *rest: looks.append((stage.step, frame)) or render(frame, *rest))
+    stage.run()
+    return looks
+
+
+@pytest.mark.parametrize(
+    ("psnr", "steps"),
+    [
+        ([20.0, 20.05], [*range(8), *range(16, 20)]),
+        ([20.0, 20.2, 20.1], [*range(10), *range(16, 20)]),
+        ([20.0, 20.2, 20.31], [*range(20)]),
+    ],
+)
+def test_a_fit_skips_steps_once_the_frames_kept_aside_gain_no_more(early, monkeypatch, psnr, steps):
+    stage = early(psnr)
+    looks = drawn_by(stage, monkeypatch)
+    assert [step for step, _ in looks] == steps and stage.skipped == 20 - len(steps)
+    assert stage.aside_psnr == psnr
+    until = 10 if stage.skipped == 0 else 16
+    assert all(frame != 1 for step, frame in looks if step < until)
+    assert any(frame == 1 for step, frame in looks if step >= until)
+
+
+def test_a_fit_that_ends_early_is_resumed_bit_for_bit(early, monkeypatch):
+    whole, cut = early([20.0, 20.05]), early([20.0, 20.05])
+    monkeypatch.setattr(whole, "_mean_psnr", lambda frames: 20.0)
+    monkeypatch.setattr(cut, "_mean_psnr", lambda frames: 20.0)
+    whole.run()
+    for _ in range(9):
+        cut.train_step()
+    again = early([])
+    again.restore(copy.deepcopy(cut.state("")))
+    assert (again.step, again.skipped, again.aside_psnr) == (17, 8, [20.0, 20.0])
+    monkeypatch.setattr(again, "_mean_psnr", lambda frames: 20.0)
+    again.run()
+    for key, value in parameters_of(whole).items():
+        assert torch.equal(value, parameters_of(again)[key]), key
+
+
+@pytest.mark.parametrize(("frames", "aside"), [(31, set()), (32, {6, 12, 19, 25}), (100, {20, 40, 59, 79})])
+def test_frames_are_kept_aside_of_long_clips_alone(frames, aside):
+    assert trainer.frames_aside(frames, EndingConfig()) == aside
+    assert trainer.frames_aside(frames, EndingConfig(min_gain=0)) == frozenset()
