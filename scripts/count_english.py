@@ -15,7 +15,7 @@ ROOMS = {
 }
 """Room -> its files whose lines turn sentences into operations or questions."""
 OPERATIONS = ROOT / "f4x_core" / "edit" / "operation"
-"""Files of which `said` and what it calls, functions beside the class, read English."""
+"""Files of which `sentences` and what it calls, functions beside the class, read English."""
 IMPORT = "import time; t = time.process_time(); import f4x_core.edit.plan; print(time.process_time() - t)"
 PHRASES = """
 import f4x_core.edit.plan, f4x_core.query.wording, gc
@@ -25,13 +25,13 @@ print(len({id(phrase) for table in tables for row in table.rows.values() for phr
 """
 
 
-def said_lines(file: Path) -> int:
-    """Lines of the methods `said` and of the functions beside classes."""
+def sentence_lines(file: Path) -> int:
+    """Lines of the methods `sentences` and of the functions beside classes."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     functions += [
-        one for node in classes for one in node.body if isinstance(one, ast.FunctionDef) and one.name == "said"
+        one for node in classes for one in node.body if isinstance(one, ast.FunctionDef) and one.name == "sentences"
     ]
     return sum((node.end_lineno or node.lineno) - node.lineno + 1 for node in functions)
 
@@ -45,7 +45,7 @@ def main() -> None:
         total += lines
         print(f"{room}: {lines} lines in {len(files)} files")
     files = [*OPERATIONS.glob("*.py")]
-    lines = sum(map(said_lines, files))
+    lines = sum(map(sentence_lines, files))
     total += lines
     print(f"edit/operation: {lines} lines of {len(files)} files")
     asked = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout

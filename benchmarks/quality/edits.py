@@ -28,6 +28,7 @@ from f4x_core.geometry.arrays import evenly_spaced
 from f4x_core.geometry.camera import Camera
 from f4x_core.progress import Progress, silent
 from f4x_core.query.chat import MAX_ANSWER_BYTES, ChatServer
+from f4x_core.query.engines import Engines
 from f4x_core.query.labels import Encode
 from f4x_core.query.prompts import SelectOptions, select_by_mask, select_by_points, select_by_text
 from f4x_core.query.score import overlap
@@ -182,7 +183,7 @@ def time_sentence(path: Path, sentence: str, encode: Encode | None = None) -> di
         start = clock.perf_counter()
         scene = read_scene(copy)
         opened = clock.perf_counter()
-        proposal = propose(scene, sentence, EditorState(), encode=encode)
+        proposal = propose(scene, sentence, EditorState(), Engines(encode=encode))
         understood = clock.perf_counter()
         apply(copy, proposal.chosen)
         end = clock.perf_counter()

@@ -10,6 +10,7 @@ from ..edit.resolve import named
 from ..geometry.trajectory import Trajectory, original
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
+from ..query.engines import Engines
 from ..query.questions import Answer, answer, ask_features
 from ..query.selection import Selection
 from ..scene import Scene
@@ -45,15 +46,7 @@ def ask(
         from ..features.models.smolvlm import SmolVlm
 
         views = original(scene.cameras) if options.views is None else options.views
-        return ask_features(scene, question, views, SmolVlm(options.model), backend, progress)
-    return answer(
-        scene,
-        question,
-        options.views,
-        server=options.server,
-        encode=encoder(progress),
-        names=named(scene, options.selection),
-        agreed=options.agreed,
-        backend=backend,
-        progress=progress,
-    )
+        return ask_features(scene, question, views, SmolVlm(options.model), Engines(None, None, backend, progress))
+    engines = Engines(options.server, encoder(progress), backend, progress)
+    names = named(scene, options.selection)
+    return answer(scene, question, options.views, engines, names=names, agreed=options.agreed)

@@ -17,6 +17,7 @@ from ..errors import F4xError
 from ..files import in_place, replace_file
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
+from ..query.engines import Engines
 from ..scene import Scene, updating, write_scene
 from .encoding import encoder
 
@@ -75,16 +76,8 @@ def propose_edit(scene: Scene, request: EditRequest, progress: Progress = silent
     if request.operations:
         resolved = _resolved(scene, request, progress)
         return Proposal("", (Candidate(resolved, "as given"),), understood_by=OPERATIONS)
-    return propose(
-        scene,
-        request.sentence,
-        request.state,
-        server=request.server,
-        encode=encoder(progress),
-        candidates=request.candidates,
-        backend=request.backend,
-        progress=progress,
-    )
+    engines = Engines(request.server, encoder(progress), request.backend, progress)
+    return propose(scene, request.sentence, request.state, engines, candidates=request.candidates)
 
 
 def edit_file(

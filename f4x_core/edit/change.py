@@ -26,7 +26,7 @@ from .state import Appearance, Motion, Placement
 if TYPE_CHECKING:
     from ..scene import Scene
     from .apply import Looking
-    from .english import Said
+    from .english import Sentences
     from .plan_lines import Seen
     from .resolve import Settling
     from .splat_rows import SplatRows
@@ -45,7 +45,7 @@ MAX_SCALE = 1e3
 """A size, speed or factor beyond it, or below its inverse, is a slip of the pen."""
 SHOWN = 10.0
 """Opacity factor that makes anything opaque that is there at all."""
-STANDING: dict[Where, Vector] = {
+DIRECTIONS: dict[Where, Vector] = {
     "near": (0.0, 0.0, 0.0), "left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, -1.0, 0.0),
     "below": (0.0, 1.0, 0.0), "behind": (0.0, 0.0, 1.0), "front": (0.0, 0.0, -1.0),
 }  # fmt: skip
@@ -262,11 +262,11 @@ class Change(Record):
         return self
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         """The sentences that ask for it. Called once somebody types one, so it imports the language itself."""
-        from .english import Said
+        from .english import Sentences
 
-        return Said()
+        return Sentences()
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:

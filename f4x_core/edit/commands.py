@@ -1,7 +1,7 @@
 """Commands that belong to no single operation: qualities and more or less of them, complaints, remarks, and references back.
 
 Between the phrases there may be words that add nothing; every other word has to belong to a phrase. The phrases of one operation
-stand in its file, in `said`.
+stand in its file, in `sentences`.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ from .phrases import colors, thing, two_of_them_behind, untouched, whose
 from .selects import All, Current
 from .values import Graded, Value, refused
 
-SAID = [kind.said() for kind in kinds()]
+SENTENCES = [kind.sentences() for kind in kinds()]
 """The sentences of each operation."""
-QUALITIES: tuple[Quality, ...] = tuple(quality for said in SAID for quality in said.qualities)
+QUALITIES: tuple[Quality, ...] = tuple(quality for kind in SENTENCES for quality in kind.qualities)
 """Qualities that things have more or less of."""
 
 
 _TOO: dict[str, tuple[Value | None, Value | None]] = {
-    words: ways for said in SAID for words, ways in said.too.items()
+    words: ways for kind in SENTENCES for words, ways in kind.too.items()
 } | {
     words: (quality.helps(upward), quality.helps(not upward))
     for quality in QUALITIES
@@ -92,7 +92,8 @@ simply = optional(degree) + ~literal("more|really|very|rather|quite") + table(
 """A quality without "more" or "less": "the sand should be dark"."""
 
 made = either(
-    *(quality.value for quality in QUALITIES if quality.bare is None), *(rule for said in SAID for rule in said.made)
+    *(quality.value for quality in QUALITIES if quality.bare is None),
+    *(rule for kind in SENTENCES for rule in kind.made),
 )
 """Phrases that may follow "make the dog"."""
 _WANTED = (
@@ -134,13 +135,13 @@ ADDS_NOTHING = either(
 
 _joined = literal("and|,|, and|but|plus|and also|as well as|+")
 _quality = either(
-    *(rule for said in SAID for rule in said.given),
+    *(rule for kind in SENTENCES for rule in kind.given),
     toward
     + made
     + ~literal(
         "tone|tones|mood|look|light|feel|grade|grading|color|colors|feeling|picture|image|clip|video|scene|shot|footage"
     ),
-    *(rule for said in SAID for rule in said.alone),
+    *(rule for kind in SENTENCES for rule in kind.alone),
     ~literal("a|the|nice and|pretty|in a|feel|look|looking|feeling")
     + simply
     + ~literal("tone|tones|mood|look|light|color|colors|filter|grade|overlay|cast|wash"),
@@ -248,7 +249,7 @@ _SIDES: dict[str, tuple[Graded, bool | None]] = {
     for quality in QUALITIES
     for sense, upward in ((quality.up, True), (quality.down, False), (quality.sets, None))
     if sense
-} | {sense: side for said in SAID for sense, side in said.verbs.items()}
+} | {sense: side for kind in SENTENCES for sense, side in kind.verbs.items()}
 """Sense of a verb -> what it makes more or less."""
 
 
@@ -282,7 +283,7 @@ COMMANDS: list[Command] = [
         "do not touch the dog", REMARK, "spared", NAMED,
         spared="do not [touch|change|affect|alter]|without [touching|changing]|[ignore|skip]|never [touch|change]",
     ),
-    *(one for said in SAID for one in said.early),
+    *(one for kind in SENTENCES for one in kind.early),
     command(
         "make the dog red", as_given, "values", verb=_becoming, values=listed(_quality, _joined), who=whom | about
         + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint"),
@@ -322,7 +323,7 @@ COMMANDS: list[Command] = [
             ugly=phrase(f"(a bit|a little|much|way|far|so|very|rather|quite|really|too) [{QUALITY_WORDS}]") >> (lambda: None),
         ),
     ),
-    *(one for said in SAID for one in said.commands),
+    *(one for kind in SENTENCES for one in kind.commands),
     command(
         "the cat too", AGAIN, "again", NAMED, verb="do|it|that|this|make it|apply it|apply that|go on|continue|and|be",
         again=literal(

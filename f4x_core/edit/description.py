@@ -9,7 +9,7 @@ import numpy as np
 
 from ..language.colour_names import Colour, name_of
 from ..language.lexicon import PLACES, plural
-from .change import STANDING, Change, ChangeWithShadow, Vector
+from .change import DIRECTIONS, Change, ChangeWithShadow, Vector
 from .selects import (
     COPY,
     SHARES,
@@ -42,17 +42,17 @@ def describe(operation: Change) -> str:
 
 
 def describe_in(operation: Change, to_world: np.ndarray, axes: str) -> str:
-    """As `describe`, but a way or turn along the scene's own axes is told along those of another world, called `axes`.
+    """As `describe`, but a way or turn along the scene's own axes is given along those of another world, called `axes`.
 
     `to_world (3,3)`: the turn and scale from the scene to that world.
     """
     turn = to_world / np.maximum(np.linalg.norm(to_world, axis=0), 1e-12)
 
-    def told(matrix: np.ndarray, vector: Vector) -> Vector:
+    def along(matrix: np.ndarray, vector: Vector) -> Vector:
         x, y, z = (float(value) for value in matrix @ np.array(vector))
         return x, y, z
 
-    return operation.in_axes(partial(told, to_world), partial(told, turn)).described().replace(SCENE_AXES, axes)
+    return operation.in_axes(partial(along, to_world), partial(along, turn)).described().replace(SCENE_AXES, axes)
 
 
 def in_words(operations: Sequence[Change]) -> str:
@@ -60,7 +60,7 @@ def in_words(operations: Sequence[Change]) -> str:
     return "; ".join(map(describe, operations))
 
 
-_STANDING = {
+_PLACE_WORDS = {
     "near": "next to",
     "left": "to the left of",
     "right": "to the right of",
@@ -73,7 +73,7 @@ _STANDING = {
 
 def beside_words(way: Vector) -> str:
     """The place of a thing beside another, in words."""
-    return next(_STANDING[where] for where, standing in STANDING.items() if standing == way)
+    return next(_PLACE_WORDS[where] for where, direction in DIRECTIONS.items() if direction == way)
 
 
 def whom_with(operation: ChangeWithShadow) -> str:
@@ -97,7 +97,7 @@ def whom(select: SelectKind) -> str:
         share = next((name for name, x in SHARES.items() if x == select.share), "part")
         return f"the {side} {share} of {whom(select.of)}"
     if isinstance(select, Beside):
-        return f"{whom(select.of)} {_STANDING[select.where]} {whom(select.other)}"
+        return f"{whom(select.of)} {_PLACE_WORDS[select.where]} {whom(select.other)}"
     if isinstance(select, Point):
         return f"the thing at {select.x:g}, {select.y:g} in frame {select.frame}"
     if isinstance(select, Box):

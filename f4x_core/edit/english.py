@@ -1,6 +1,6 @@
 """The words and rules that operations say their sentences in: those of the language, of things and times, and what commands share.
 
-An operation imports this in `said`, under the name `say`.
+An operation imports this in `sentences`, under the name `say`.
 """
 # ruff: noqa: F401, I001
 
@@ -189,7 +189,7 @@ class Quality:
 
 
 @dataclass(frozen=True)
-class Said:
+class Sentences:
     """The sentences that ask for an operation."""
 
     commands: tuple[Command, ...] = ()

@@ -18,8 +18,8 @@ from ..errors import F4xError
 from ..geometry import trajectory
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import View
-from ..progress import Progress, silent
 from ..query.chat import ChatServer, image_part
+from ..query.engines import BARE, Engines
 from ..query.labels import TextQuery, ask_for
 from ..query.pixels import text_score_map
 from ..scene import Scene
@@ -82,29 +82,27 @@ def judge(
     asked: Sequence[Change],
     candidates: Sequence[tuple[Change, ...]],
     resolver: Resolver,
-    *,
-    server: ChatServer | None = None,
-    backend: str = "auto",
-    progress: Progress = silent,
+    engines: Engines = BARE,
 ) -> Verdict:
     """Score `candidates`, resolved readings of the operations `asked` of the edited `scene`, and choose one.
 
-    With `server` its model is shown the contact sheet and chooses; where it fails, the numbers do and `notes` say so.
+    With `engines.server` its model is shown the contact sheet and chooses; where it fails, the numbers do and `notes` say so.
     """
-    eye = _Eye(scene, asked, _weights(scene, asked, candidates, resolver), resolver, backend)
+    eye = _Eye(scene, asked, _weights(scene, asked, candidates, resolver), resolver, engines.backend)
     scores = []
     for done, operations in enumerate(candidates):
-        progress("judge", done, len(candidates))
+        engines.progress("judge", done, len(candidates))
         scores.append(eye.score(operations))
-    progress("judge", len(candidates), len(candidates))
+    engines.progress("judge", len(candidates), len(candidates))
     totals = [score["score"] for score in scores]
     best = int(np.argmax(totals))
     best = best if totals[best] > totals[0] + MARGIN else 0
-    if server is None:
+    if engines.server is None:
         return Verdict(tuple(scores), best)
     try:
-        sheet = candidate_sheet(scene, candidates, backend=backend)
-        return Verdict(tuple(scores), ask_which(server, sentence, sheet, len(candidates)), server.url)
+        sheet = candidate_sheet(scene, candidates, backend=engines.backend)
+        choice = ask_which(engines.server, sentence, sheet, len(candidates))
+        return Verdict(tuple(scores), choice, engines.server.url)
     except F4xError as error:
         return Verdict(tuple(scores), best, MEASURED, (f"{error} The candidates were measured instead.",))
 

@@ -44,7 +44,7 @@ from ..language.refusal import Doubt, Final, Refusal, Slip
 from ..language.times import HALF_WAY, START, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .change import Change
-from .clauses import OF_ALL, Clauses, Search, arguments
+from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .commands import COMMANDS
 from .description import in_words
 from .english import AGAIN, REMARK, TOPIC, Command
@@ -149,11 +149,9 @@ def _holds(rule: Rule, reading: Reading) -> bool:
 
 
 Settle = Callable[[Read], tuple[Change, ...]]
-Said = tuple[Command, dict[str, Any]]
-"""A command with the slots that a sentence gave it."""
 
 
-def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple[Change, ...]:
+def _settled(read: Read, context: SentenceContext, before: Clause | None) -> tuple[Change, ...]:
     """The operations of a sentence; raises F4xError."""
     operations = _placed([_sparing(one, context.spared) for one in list(_operations(read.clauses, context, before))])
     operations = operations or context.complaints
@@ -402,7 +400,7 @@ def _clauses_before(earlier: str, known: Mapping[tuple[str, ...], str]) -> Claus
         return ()
 
 
-def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
+def _recalled(clauses: Clauses, context: SentenceContext) -> Clause | None:
     """The last command of the sentence before, whose things `context` takes over where nothing is selected."""
     then = replace(context, names=dict(context.names), copies={}, spare=set())
     try:
@@ -414,10 +412,10 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
         if isinstance(context.last, Named) and context.last.name in then.copies:
             context.last = next(reversed([*context.earlier]), then.copies[context.last.name])
     done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN)]
-    return (done[-1].command, done[-1].slots) if done else None
+    return done[-1] if done else None
 
 
-def _operations(clauses: Clauses, context: SentenceContext, before: Said | None = None) -> Iterator[Change]:
+def _operations(clauses: Clauses, context: SentenceContext, before: Clause | None = None) -> Iterator[Change]:
     """The operations of clauses; `before`: the command before them."""
     front: Span | None = None
     topics: list[SelectKind] = []
@@ -443,9 +441,9 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             if before is None:
                 raise Refusal("Nothing was said before that could be done again; say what is to be done.")
             own_words = {name: value for name, value in piece.items() if name in OF_ALL}
-            command, piece = before[0], {**before[1], **own_words}
+            command, piece = before.command, {**before.slots, **own_words}
             own = piece.get("when")
-        before = command, piece
+        before = clause._replace(command=command, slots=piece)
         topics = [*topics, who] if clause.gapped else [who]
         time = own or front or _time_behind(clauses, at)
         settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))

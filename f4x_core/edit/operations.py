@@ -8,12 +8,12 @@ from typing import Union, get_args
 
 from . import operation as _folder
 from .change import (
+    DIRECTIONS,
     KINDS,
     MAX_NUMBER,
     MAX_SCALE,
     NOTHING_ALONG,
     SHOWN,
-    STANDING,
     Change,
     ChangeWithShadow,
     Span,
@@ -37,7 +37,7 @@ from .operation.transform import Transform
 from .records import read_record
 
 __all__ = [
-    "KINDS", "MAX_COPIES", "MAX_NUMBER", "MAX_SCALE", "NOTHING_ALONG", "SHOWN", "STANDING", "Blur", "Change",
+    "DIRECTIONS", "KINDS", "MAX_COPIES", "MAX_NUMBER", "MAX_SCALE", "NOTHING_ALONG", "SHOWN", "Blur", "Change",
     "ChangeWithShadow", "Delete", "Duplicate", "Extract", "Freeze", "Glow", "Grade", "Loop", "Match", "Name", "Opacity",
     "Operation", "Recolour", "Rekey", "Retime", "Reverse", "Span", "Style", "Swap", "TakeBack", "Transform", "Vector",
     "kinds", "read_operation",

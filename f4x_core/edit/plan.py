@@ -10,10 +10,9 @@ from typing import Any
 from ..errors import F4xError
 from ..language.grammar import read_as_meant
 from ..language.refusal import Doubt, Refusal
-from ..progress import Progress, silent
 from ..query.chat import ChatServer
+from ..query.engines import BARE, Engines
 from ..query.inventory import words_there
-from ..query.labels import Encode
 from ..query.people import in_ordinals, remarks_on
 from ..scene import Scene, read_scene, updating
 from . import endpoint, language
@@ -81,35 +80,32 @@ def propose(
     scene: Scene,
     sentence: str,
     context: EditorState | None = None,
+    engines: Engines = BARE,
     *,
-    server: ChatServer | None = None,
-    encode: Encode | None = None,
     candidates: int = 1,
-    backend: str = "auto",
-    progress: Progress = silent,
 ) -> Proposal:
     """Resolve `sentence` in `scene` with its present edits into up to `candidates` variants, of which the judge chooses.
 
-    With `server` its model reads the sentence (and, where it sees pictures, chooses), and the grammar does where it fails.
+    With `engines.server` its model reads the sentence (and, where it sees pictures, chooses), and the grammar does where it fails.
     Raises F4xError (`language.Refusal` with the nearest commands, `Doubt` with a question): not understood, nobody there to
     edit, a time outside.
     """
     if not 1 <= candidates <= MAX_CANDIDATES:
         raise F4xError(f"{candidates} candidates are asked for; give 1 to {MAX_CANDIDATES}.")
     scene, context = edited(scene), context or EditorState()
-    progress("understand", 0, 0)
+    engines.progress("understand", 0, 0)
     try:
-        asked, understood_by, notes = read_sentence(scene, sentence, context, server)
+        asked, understood_by, notes = read_sentence(scene, sentence, context, engines.server)
     except Doubt:
         raise
     except Refusal as refusal:
         there = _there(scene)
         reason = language.about_there(refusal.reason, sentence, there)
         raise Refusal(reason, refusal.nearest and language.nearest(sentence, there)) from refusal
-    resolver = Resolver(context, encode)
+    resolver = Resolver(context, engines.encode)
     found: list[Candidate] = []
     for operations, tidy, why in _variants(asked):
-        progress("select", len(found), candidates)
+        engines.progress("select", len(found), candidates)
         try:
             settled = resolver.resolve_sentence(scene, operations, tidy)
         except F4xError as error:
@@ -133,7 +129,7 @@ def propose(
     if len(found) == 1:
         return proposal
     readings = [candidate.operations for candidate in found]
-    verdict = judge(scene, sentence, asked, readings, resolver, server=server, backend=backend, progress=progress)
+    verdict = judge(scene, sentence, asked, readings, resolver, engines)
     scored = tuple(replace(c, scores=scores) for c, scores in zip(found, verdict.scores, strict=True))
     return replace(
         proposal, candidates=scored, best=verdict.best, judged_by=verdict.judged_by, notes=notes + verdict.notes

@@ -17,13 +17,13 @@ from ..language.cast_words import caster, is_cast
 from ..language.compounds import ADJECTIVE, head_of, is_adjective, names_another
 from ..language.grammar import read_as_meant
 from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
-from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.people import single_people
 from ..scene.view import render
 from .cast import moving_things
 from .chat import ChatServer, image_part
 from .connected_objects import separate_objects, width_along
+from .engines import BARE, Engines
 from .inventory import find, instead, is_doubtful, labels_of, things_there
 from .knowledge import lacks_people, refuse_unknown
 from .labels import Encode
@@ -112,30 +112,27 @@ def answer(
     scene: Scene,
     question: str,
     trajectory: Trajectory | None = None,
+    engines: Engines = BARE,
     *,
-    server: ChatServer | None = None,
-    encode: Encode | None = None,
     names: Mapping[str, Selection] | None = None,
     agreed: bool = False,
-    backend: str = "auto",
-    progress: Progress = silent,
 ) -> Answer:
     """Answer `question` about what `trajectory` (the clip's own views when None) shows.
 
-    With `server` rendered frames are sent there. Without, the answer is computed from words, places and motion in the scene,
-    and says so; a thing is there when `inventory.find` finds it, as `f4x query --text` does, or under one of the `names` that
-    the caller knows. "It", and "the selection", are the one called `SELECTED`. `agreed`: a doubtful question is read as what was
-    probably meant, where `language.grammar.Doubt` would ask. Raises F4xError: an empty question, a time
-    beyond the clip, a server that does not answer, a word that nobody knows, a selection of another scene;
-    `wording.Unanswerable` for what cannot be computed.
+    With `engines.server` rendered frames are sent there. Without, the answer is computed from words, places and motion in the
+    scene, and says so; a thing is there when `inventory.find` finds it, as `f4x query --text` does, or under one of the `names`
+    that the caller knows. "It", and "the selection", are the one called `SELECTED`. `agreed`: a doubtful question is read as what
+    was probably meant, where `language.grammar.Doubt` would ask. Raises F4xError: an empty question, a time beyond the clip, a
+    server that does not answer, a word that nobody knows, a selection of another scene; `wording.Unanswerable` for what cannot be
+    computed.
     """
     question = " ".join(question.split())
     if not question:
         raise F4xError('The question is empty; ask something, for example "What moves?".')
     trajectory = original(scene.cameras) if trajectory is None else trajectory
     views = _spread(trajectory)
-    if server is not None:
-        return ask_server(scene, question, views, server, backend, progress)
+    if engines.server is not None:
+        return ask_server(scene, question, views, engines.server, engines)
     known = dict(names or {})
     it = SELECTED if SELECTED in known else ""
     if it:
@@ -153,17 +150,15 @@ def answer(
             sentences.append(NO_PEOPLE)
             continue
         if _compares(asked):
-            sentence, things = _compared(scene, asked, encode, known)
+            sentence, things = _compared(scene, asked, engines.encode, known)
             sentences.append(sentence)
             evidence.append({"asked": asked.kind, "span": asked.span, "things": things})
             continue
-        found = (
-            [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, encode, known, backend, progress)
-        )
-        sentences.append(compose(scene, asked, found, encode))
+        found = [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, known, engines)
+        sentences.append(compose(scene, asked, found, engines.encode))
         evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
-    told = [name for one in evidence for name in one.get("things") or [one.get("label", "")] if name not in known]
-    sentences += remarks_on(scene, told)
+    named = [name for one in evidence for name in one.get("things") or [one.get("label", "")] if name not in known]
+    sentences += remarks_on(scene, named)
     limits = (
         "words, places and motion in the scene" if labels_of(scene) else "motion in the scene, which knows no words"
     )
@@ -192,23 +187,16 @@ def _compares(asked: Asked) -> bool:
     return asked.kind in COMPARED or bool(asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)))
 
 
-def ask_server(
-    scene: Scene,
-    question: str,
-    views: Trajectory,
-    server: ChatServer,
-    backend: str = "auto",
-    progress: Progress = silent,
-) -> Answer:
+def ask_server(scene: Scene, question: str, views: Trajectory, server: ChatServer, engines: Engines = BARE) -> Answer:
     """Show a server the rendered `views` and pass its answer on."""
     content: list[dict[str, Any]] = []
     for done, (camera, time) in enumerate(views):
-        progress("render", done, len(views))
-        image = render(scene, camera, time, ("rgb",), backend)["rgb"]
+        engines.progress("render", done, len(views))
+        image = render(scene, camera, time, ("rgb",), engines.backend)["rgb"]
         content.append({"type": "text", "text": f"Frame at {time / scene.fps:.2f} s:"})
         content.append(image_part((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)))
     content.append({"type": "text", "text": question})
-    progress("ask", 0, 0, server.url)
+    engines.progress("ask", 0, 0, server.url)
     text = server.complete([{"role": "user", "content": content}])
     return Answer(text, SERVER, {"frames": len(views), "url": server.url, "model": server.model})
 
@@ -229,8 +217,7 @@ def ask_features(
     question: str,
     trajectory: Trajectory,
     reader: FeatureReader,
-    backend: str = "auto",
-    progress: Progress = silent,
+    engines: Engines = BARE,
     head: str = "smolvlm",
 ) -> Answer:
     """Let a model answer from the scene's own features `head`, seen along `trajectory`; no picture is encoded."""
@@ -238,31 +225,26 @@ def ask_features(
     views = _spread(trajectory)
     maps = []
     for done, (camera, time) in enumerate(views):
-        progress("render", done, len(views))
-        maps.append(head_map(scene, head, camera, time, backend))
+        engines.progress("render", done, len(views))
+        maps.append(head_map(scene, head, camera, time, engines.backend))
     text = reader.answer(maps, [time / scene.fps for _, time in views], question)
     return Answer(text, reader.name, {"frames": len(views), "head": head, "grid": list(spec.grid)})
 
 
 def look(
-    scene: Scene,
-    views: Trajectory,
-    times: np.ndarray,
-    found: dict[str, Selection],
-    backend: str = "auto",
-    progress: Progress = silent,
+    scene: Scene, views: Trajectory, times: np.ndarray, found: dict[str, Selection], engines: Engines = BARE
 ) -> list[Sighting]:
     """Measure the selections `found` in `views`, and how they move over the clip `times (K,)`; in the given order."""
     chosen = np.stack([selection.chosen for selection in found.values()], 1)  # (N,n)
     masks: list[np.ndarray] = []  # per view (n,H,W)
     depths: list[np.ndarray] = []
     for done, (camera, time) in enumerate(views):
-        progress("looking at the scene", done, len(views))
+        engines.progress("looking at the scene", done, len(views))
         small = camera.of_width(COLUMNS)
-        drawn = render(scene, small, time, ("depth",), backend, values={"chosen": chosen.astype(np.float32)})
+        drawn = render(scene, small, time, ("depth",), engines.backend, values={"chosen": chosen.astype(np.float32)})
         masks.append(np.moveaxis(drawn["chosen"], -1, 0) > SEEN)
         depths.append(drawn["depth"])
-    progress("looking at the scene", len(views), len(views))
+    engines.progress("looking at the scene", len(views), len(views))
     moving = chosen & scene.moving[:, None]
     moving &= 2 * moving.sum(0) > chosen.sum(0)  # a few that move at the rim do not carry the rest along
     posed = [scene.posed(float(time)) for time in times]
@@ -271,13 +253,29 @@ def look(
     places = np.where(weights[..., None] > 0, places / np.maximum(weights, 1e-9)[..., None], np.nan)
     seen = np.stack(masks)  # (V,n,H,W)
     return [
-        _sighting(scene, name, selection, seen[:, n], np.stack(depths), places[:, n], times, views)
+        _sighting(scene, name, selection, _Observed(views, seen[:, n], np.stack(depths), times, places[:, n]))
         for n, (name, selection) in enumerate(found.items())
     ]
 
 
-def _sighting(scene, label, selection, seen, depths, places, times, views) -> Sighting:
-    """The numbers of one thing: `seen (V,H,W)` and `depths (V,H,W)` of the views, `places (K,3)` at `times (K,)`."""
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """One object in V views, and its place at K times."""
+
+    views: Trajectory
+    seen: np.ndarray
+    """(V,H,W) bool: the pixels that are its own."""
+    depths: np.ndarray
+    """(V,H,W) of the whole picture."""
+    times: np.ndarray
+    """(K,) clip frames."""
+    places: np.ndarray
+    """(K,3) centres of its moving Gaussians; NaN where it has none."""
+
+
+def _sighting(scene: Scene, label: str, selection: Selection, observed: _Observed) -> Sighting:
+    """The numbers of one object."""
+    views, seen, times, places = observed.views, observed.seen, observed.times, observed.places
     sighting = Sighting(label, int(selection.chosen.sum()), float(selection.scores.max(initial=0)))
     sighting = replace(sighting, sizes=_sizes(scene, np.flatnonzero(selection.chosen), float(times[0])))
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
@@ -303,7 +301,7 @@ def _sighting(scene, label, selection, seen, depths, places, times, views) -> Si
     )
     if not fractions[best]:
         return sighting
-    mask, depth = seen[best], depths[best]
+    mask, depth = seen[best], observed.depths[best]
     column = np.nonzero(mask)[1].mean() / mask.shape[1]
     ratio = np.nanmedian(depth[mask]) / np.nanmedian(depth) if np.isfinite(depth[mask]).any() else 1.0
     return replace(
@@ -405,10 +403,8 @@ def _look_for(
     scene: Scene,
     asked: Asked,
     trajectory: Trajectory,
-    encode: Encode | None,
     names: Mapping[str, Selection],
-    backend: str,
-    progress: Progress,
+    engines: Engines,
 ) -> list[Sighting]:
     """The sightings that a question is about."""
     views = trajectory
@@ -427,9 +423,9 @@ def _look_for(
         shown = [float(view.time) for view in trajectory]
         first, last = min(shown), max(shown)
     times = np.unique(np.linspace(first, last, min(MOMENTS, 1 + round(last - first))))
-    found, notes = _found(scene, asked, encode, names)
+    found, notes = _found(scene, asked, engines.encode, names)
     views = _spread(views, len(views) if asked.kind in COMPLETE else MOMENTS if asked.kind in SEEING else VIEWS)
-    sightings = look(scene, views, times, found, backend, progress)
+    sightings = look(scene, views, times, found, engines)
     if not asked.things:
         sightings = sorted((s for s in sightings if s.share >= PRESENT), key=lambda s: -s.share)
     return [replace(s, note=notes.get(s.label, ""), given=_has_no_article(s.label, names)) for s in sightings]

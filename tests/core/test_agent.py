@@ -580,10 +580,10 @@ def test_export(session, place, monkeypatch):
 def test_a_long_call_tells_how_far_it_is_and_ends_with_its_client(session, monkeypatch):
     ended, heard = [], []
 
-    def long(scene, question, views, *, progress, **_):
+    def long(scene, question, views, engines, **_):
         try:
             for step in range(1000):
-                progress("look", step, 1000)
+                engines.progress("look", step, 1000)
                 time.sleep(0.005)
             ended.append("finished")
         except BaseException as error:

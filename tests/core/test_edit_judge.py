@@ -24,6 +24,7 @@ from f4x_core.edit.operations import Delete, Duplicate, Extract, Freeze, Name, O
 from f4x_core.edit.resolve import EditorState, Resolver
 from f4x_core.edit.selects import All, Ids, Text
 from f4x_core.errors import F4xError
+from f4x_core.query.engines import Engines
 from f4x_core.query.prompts import select_by_text
 from f4x_core.query.selection import Selection
 from f4x_core.scene.visualise import GAP, LABEL_HEIGHT, MARGIN, MARK
@@ -43,8 +44,8 @@ def parts(scene):
     return {"right": square, "half": square[::2], "much": np.append(square, scene.static.ids[300:700])}
 
 
-def verdict(scene, asked, candidates, **more):
-    return judge(scene, "make it green", [asked], [(c,) for c in candidates], Resolver(EditorState()), **more)
+def verdict(scene, asked, candidates, server=None):
+    return judge(scene, "make it green", [asked], [(c,) for c in candidates], Resolver(EditorState()), Engines(server))
 
 
 def test_compare_by_counting():

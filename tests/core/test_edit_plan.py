@@ -41,6 +41,7 @@ from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.language.refusal import Doubt
 from f4x_core.query.connected_objects import label_components, pick_object, split_objects
+from f4x_core.query.engines import Engines
 from f4x_core.query.prompts import select_by_text
 from f4x_core.scene import StaticSet, read_scene, write_scene
 from f4x_core.scene.view import render
@@ -404,9 +405,11 @@ def test_a_word_means_what_it_meant_before_the_sentence(scene):
 )
 def test_what_nobody_answers_to_refuses_the_whole_sentence(scene, sentence, nobody):
     with pytest.raises(Refusal, match=nobody) as caught:
-        plan.propose(with_words(scene, "cat", "person"), sentence, HERE, encode=as_square)
+        plan.propose(with_words(scene, "cat", "person"), sentence, HERE, Engines(encode=as_square))
     assert "square" in sentence or not any("remove" in one for one in caught.value.nearest)
-    assert plan.propose(scene, "delete the blue square", HERE, encode=as_square)  # a mere adjective is none of these
+    assert plan.propose(
+        scene, "delete the blue square", HERE, Engines(encode=as_square)
+    )  # a mere adjective is none of these
 
 
 def test_what_was_hidden_is_shown_again_as_it_was(path, scene):
@@ -477,7 +480,7 @@ REPLY = (
 def test_a_model_reads_what_no_grammar_does(scene):
     with stub_server() as stub:
         stub.reply = (200, saying(REPLY), 0)
-        proposal = plan.propose(scene, "I am so tired of this square thing", HERE, server=client(stub))
+        proposal = plan.propose(scene, "I am so tired of this square thing", HERE, Engines(client(stub)))
     assert isinstance(proposal.chosen.operations[0], Delete) and proposal.notes == ()
     assert proposal.understood_by.startswith("http://127.0.0.1")
 
@@ -497,11 +500,11 @@ def test_a_model_that_fails_leaves_the_grammar(path, reply):
     before = path.read_bytes()
     with stub_server() as stub:
         stub.reply = reply
-        proposal = plan.propose(read_scene(path), "make the square red", HERE, server=client(stub))
+        proposal = plan.propose(read_scene(path), "make the square red", HERE, Engines(client(stub)))
         assert isinstance(proposal.chosen.operations[0], Recolour) and proposal.understood_by == plan.GRAMMAR
         assert "grammar read the sentence instead" in proposal.notes[0] and "\n" not in proposal.notes[0]
         with pytest.raises(Refusal):
-            plan.propose(read_scene(path), "make the square bark", HERE, server=client(stub))
+            plan.propose(read_scene(path), "make the square bark", HERE, Engines(client(stub)))
     assert path.read_bytes() == before
 
 
@@ -519,7 +522,7 @@ def test_a_server_that_is_not_reached_is_told_where_the_grammar_refuses_too(scen
     with stub_server() as stub:
         dead = client(stub)
     with pytest.raises(kind, match=r"cannot be reached.* The grammar read the sentence instead\.") as refused:
-        plan.propose(scene, sentence, HERE, server=dead)
+        plan.propose(scene, sentence, HERE, Engines(dead))
     assert words in str(refused.value) and str(refused.value).count("cannot be reached") == 1
     if kind is Doubt:
         assert plan.propose(scene, refused.value.instead, HERE).chosen.operations
@@ -534,7 +537,7 @@ def test_a_hostile_label_changes_nothing(scene):
     assert found.operations == plan.propose(scene, "make the square red", HERE).chosen.operations
     with stub_server() as stub:
         stub.reply = (200, saying(REPLY), 0)
-        plan.propose(trapped, "remove the square", HERE, server=client(stub))
+        plan.propose(trapped, "remove the square", HERE, Engines(client(stub)))
         assert "ignore the request" not in str(stub.asked)
 
 

@@ -16,6 +16,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import frozen, orbit, original
 from f4x_core.query import questions
 from f4x_core.query.chat import ChatServer
+from f4x_core.query.engines import Engines
 from f4x_core.query.questions import COMPUTED, SERVER, answer, ask_features
 from f4x_core.query.selection import SELECTED, Selection
 from f4x_core.query.wording import Unanswerable
@@ -75,7 +76,7 @@ def test_another_word_for_a_thing_is_not_near_it(scene):
 
 
 def test_a_server_sees_frames_and_answers(scene, server):
-    said = answer(scene, "What moves?", server=client(server, key="secret", model="m"))
+    said = answer(scene, "What moves?", engines=Engines(client(server, key="secret", model="m")))
     assert (said.text, said.answered_by) == ("A red square moves.", SERVER)
     path, headers, body = server.asked[0]
     assert path == "/v1/chat/completions" and headers["Authorization"] == "Bearer secret" and body["model"] == "m"
@@ -100,13 +101,13 @@ def test_a_server_sees_frames_and_answers(scene, server):
 def test_a_server_that_fails_is_one_sentence(scene, server, reply, words):
     server.reply = reply
     with pytest.raises(F4xError, match=words) as caught:
-        answer(scene, "What?", frozen(scene.cameras, 1.0)[:1], server=client(server, timeout=0.2 if reply[2] else 5))
+        answer(scene, "What?", frozen(scene.cameras, 1.0)[:1], Engines(client(server, timeout=0.2 if reply[2] else 5)))
     assert "\n" not in str(caught.value)
 
 
 def test_a_server_that_is_not_there(scene):
     with pytest.raises(F4xError, match="cannot be reached"):
-        answer(scene, "What?", server=ChatServer("http://127.0.0.1:9/v1", timeout=2))
+        answer(scene, "What?", engines=Engines(ChatServer("http://127.0.0.1:9/v1", timeout=2)))
 
 
 @pytest.mark.parametrize("url", ["file:///etc/passwd", "127.0.0.1:80", ""])
@@ -375,5 +376,6 @@ def test_what_comes_nearer_beside_the_picture_does_not_go_aside(aside, heading):
     places = (seen_by_camera - translation) @ rotation
     nothing = SimpleNamespace(chosen=np.zeros(1, bool), scores=np.zeros(1))
     unseen, depths, views = np.zeros((1, 4, 4), bool), np.ones((1, 4, 4)), original(scene.cameras)[:1]
-    found = questions._sighting(scene, "it", nothing, unseen, depths, places, times, views)
+    observed = questions._Observed(views, unseen, depths, times, places)
+    found = questions._sighting(scene, "it", nothing, observed)
     assert found.heading == heading

@@ -17,7 +17,7 @@ from ..values import Value, only_more, refused, strong
 
 if TYPE_CHECKING:
     from ..apply import Looking
-    from ..english import Said
+    from ..english import Sentences
     from ..plan_lines import Seen
 
 USUAL = 0.02
@@ -57,7 +57,7 @@ class Blur(Change):
         return f"{self.described()} ({self.radius * seen.camera.focal / depth:.1f} pixels where it is)"
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         """Blurry, and a blur that is put on somebody."""
         from .. import english as say
 
@@ -77,7 +77,7 @@ class Blur(Change):
             verb="{blur}|anonymous|illegible|unreadable|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp",
             how=say.phrase("(,) <softly>") | say.phrase("(by) <number> [unit|units]") >> _to | radius,
         )  # fmt: skip
-        return say.Said((put, blur), (quality,), made=(~say.keyword("go|all") + quality.value,))
+        return say.Sentences((put, blur), (quality,), made=(~say.keyword("go|all") + quality.value,))
 
 
 def thinning(sizes: np.ndarray, radius: float) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import F4xError
 from ...language.degrees import Distance, Steps, displacement
 from ...language.refusal import Refusal
-from ..change import STANDING, Change, Reply, TimeMap, Vector, check_name, check_numbers
+from ..change import DIRECTIONS, Change, Reply, TimeMap, Vector, check_name, check_numbers
 from ..description import beside_words, steps_in_words, way_words, whom, whom_with
 from ..selects import Named, SelectKind, parts_of
 from ..splat_rows import with_copies, with_name
@@ -22,7 +22,7 @@ from .transform import Transform
 if TYPE_CHECKING:
     from ...language.grammar import Rule
     from ...language.times import TimeExpression
-    from ..english import Command, Said
+    from ..english import Command, Sentences
     from ..phrases import Place, SentenceContext, When
     from ..plan_lines import Seen
     from ..splat_rows import SplatRows
@@ -140,7 +140,7 @@ class Duplicate(Placing):
         return (Reply(("duplicate",), "Copies beside it, or later in time.", make, fields, "Copy", timed=False),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         one = "another|one more|a second|an extra|a new|a further|an additional|one other|a"
@@ -178,7 +178,7 @@ class Duplicate(Placing):
             >> (lambda: 1.0),
             **say.BESIDE_IT,
         )  # fmt: skip
-        return say.Said((copy, more, another, _trailing(times, noun)))
+        return say.Sentences((copy, more, another, _trailing(times, noun)))
 
 
 def _trailing(times: Rule, noun: Rule) -> Command:
@@ -240,9 +240,9 @@ def copied(
         placing = dict(arguments)
         if own is not None:
             other = own.other(context)
-            placing["offset"] = tuple(COPY_DISTANCE * step for step in STANDING[own.where])
+            placing["offset"] = tuple(COPY_DISTANCE * step for step in DIRECTIONS[own.where])
             if other != who:
-                placing |= {"beside": other, "offset": STANDING[own.where]}
+                placing |= {"beside": other, "offset": DIRECTIONS[own.where]}
             elif not any(placing["offset"]):
                 placing["offset"] = BESIDE
         context.last = who

@@ -20,7 +20,7 @@ from .opacity import Opacity
 from .recolour import Recolour
 
 if TYPE_CHECKING:
-    from ..english import Said
+    from ..english import Sentences
 
 USUAL = 0.5
 """Strength of "glow", the usual degree of it."""
@@ -79,7 +79,7 @@ class Glow(Change):
         return f"make {whom(self.select)} glow{colour} by {percent_words(self.strength)}" + span_words(self.frames)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         """Glowing, and a glow that is put on somebody."""
         from .. import english as say
 
@@ -103,7 +103,7 @@ class Glow(Change):
             rgb="<a_color> <shade_of> <colour> (light|color|tone|shade|hue)",
         )  # fmt: skip
         made = say.phrase("<how?> <shining> (in) <colour?>", how=say.softly | say.amount, shining=shining) >> glowing
-        return say.Said((put, glow), (quality,), made=(made,))
+        return say.Sentences((put, glow), (quality,), made=(made,))
 
 
 def glowing(how: Amount | None = None, rgb: Vector | None = None) -> Value:

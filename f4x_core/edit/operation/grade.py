@@ -21,7 +21,7 @@ from ._color import ColorChange
 from .recolour import GRAYED
 
 if TYPE_CHECKING:
-    from ..english import Said
+    from ..english import Sentences
 
 MIN_GAMMA = 0.1
 """Minimum gamma, and the inverse of the maximum."""
@@ -90,7 +90,7 @@ class Grade(ColorChange):
         return self.coming(" and ".join(parts))
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         qualities = (
@@ -126,7 +126,7 @@ class Grade(ColorChange):
             angle="(by|of|=|+) <signed> (degrees|degree|deg|°|º)",
         )  # fmt: skip
         more = lambda: _saturated(None, True)  # noqa: E731
-        return say.Said((hue,), qualities, (pop >> more,), (lively >> more,), {"desaturate": (grayed, False)})
+        return say.Sentences((hue,), qualities, (pop >> more,), (lively >> more,), {"desaturate": (grayed, False)})
 
 
 def gamma(to: float) -> Value:

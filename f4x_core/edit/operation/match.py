@@ -17,7 +17,7 @@ from ..values import Value
 from ._color import Dye
 
 if TYPE_CHECKING:
-    from ..english import Said
+    from ..english import Sentences
     from ..phrases import SentenceContext, When, Who
 
 
@@ -60,7 +60,7 @@ class Match(Dye):
         return (Reply(("match",), "The colours of something else.", make, {"source": "target"}, "MatchColors"),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         source = (
@@ -81,7 +81,7 @@ class Match(Dye):
             source="[to|with|and|from] (the [color|colors|coloring|look] of|that of|those of) <known_thing> "
             "(['s|'] (color|colors|coloring))",
         )  # fmt: skip
-        return say.Said(early=(match,), made=(made,))
+        return say.Sentences(early=(match,), made=(made,))
 
 
 def matched(source: Who) -> Value:

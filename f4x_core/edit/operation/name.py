@@ -14,7 +14,7 @@ from ..splat_rows import with_name
 from ..values import Value
 
 if TYPE_CHECKING:
-    from ..english import Said
+    from ..english import Sentences
     from ..phrases import SentenceContext, When
     from ..splat_rows import SplatRows
 
@@ -50,7 +50,7 @@ class Name(Change):
         return (Reply(("name",), "A name for it.", make, {"name": str}, "NameSelection", timed=False),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         ending = say.word_set("and then but so please now from")
@@ -62,7 +62,7 @@ class Name(Change):
             + say.name
             + say.here(lambda reading, at: not reading.word(at).isalpha() or reading.word(at) in ending),
         )  # fmt: skip
-        return say.Said((name,))
+        return say.Sentences((name,))
 
 
 def named(called: str) -> Value:

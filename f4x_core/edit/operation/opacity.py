@@ -19,7 +19,7 @@ from ..values import Value, graded
 
 if TYPE_CHECKING:
     from ..apply import Looking
-    from ..english import Said
+    from ..english import Sentences
     from ..phrases import SentenceContext, When
 
 FADED_DEPTH = 16.0
@@ -109,7 +109,7 @@ class Opacity(ChangeWithShadow):
         return (Reply(("opacity",), doc, make, {"percent": range(101)}, "OpacityChange"),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         quality = say.Quality(
@@ -152,7 +152,7 @@ class Opacity(ChangeWithShadow):
         fade_in = say.command(
             "fade in the dog from second 1 to 2", say.always(appearing), "verb", say.TIMED, verb=f"{slow} [{{appear}}]"
         )
-        return say.Said((hide, show, back, fade_out, fade_in), (quality,), (made,))
+        return say.Sentences((hide, show, back, fade_out, fade_in), (quality,), (made,))
 
 
 def thinned(opacities: np.ndarray, left: float) -> np.ndarray:

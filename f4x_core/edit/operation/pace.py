@@ -17,7 +17,7 @@ from ..values import Value, graded
 if TYPE_CHECKING:
     from ...language.grammar import Rule
     from ...scene import Scene
-    from ..english import Said
+    from ..english import Sentences
     from ..phrases import SentenceContext, When
 
 SOFT = 0.25
@@ -79,7 +79,7 @@ class Freeze(Retiming):
         return (Reply(("freeze",), doc, make, {}, "Stop"),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         """Stand still."""
         from .. import english as say
 
@@ -92,7 +92,7 @@ class Freeze(Retiming):
                  "standing still|not move|no movement|stop|stopped|(perfectly|completely|absolutely) [still|"
                  "motionless|frozen]",
         )  # fmt: skip
-        return say.Said((freeze,))
+        return say.Sentences((freeze,))
 
 
 @dataclass(frozen=True)
@@ -161,10 +161,10 @@ class Retime(Retiming):
         shown = self.time_map((first, last))(last)
         if shown >= last - 1:
             return ""
-        told = f"{self.described()}: the clip keeps its length, so what comes after frame {shown:.0f} is not shown."
+        remark = f"{self.described()}: the clip keeps its length, so what comes after frame {shown:.0f} is not shown."
         if self.select == All() and self.frames is None:
-            told += f" `f4x render --path slow:{1 / self.speed:.3g}` shows all of it, with a slower camera."
-        return told
+            remark += f" `f4x render --path slow:{1 / self.speed:.3g}` shows all of it, with a slower camera."
+        return remark
 
     def described(self) -> str:
         """Play the dog at half speed."""
@@ -184,7 +184,7 @@ class Retime(Retiming):
         return (Reply(("speed",), "Faster or slower: 100 is as before.", make, fields, "Speed"),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         """Faster, slower, slow motion."""
         from .. import english as say
 
@@ -221,7 +221,7 @@ class Retime(Retiming):
             "slow motion, please", say.as_given, "values", say.WHOLE, _playing(), verb="{run}",
             values=say.either(speed, _backward() >> (lambda: reversed)) >> (lambda value: ((value,),)),
         )  # fmt: skip
-        return say.Said((times, slow), (quality,), alone=(speed,))
+        return say.Sentences((times, slow), (quality,), alone=(speed,))
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ class Reverse(Retiming):
         return (Reply(("reverse", "loop"), "Backwards, or again and again.", make, {}, "ReverseOrLoop"),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         """Backwards."""
         from .. import english as say
 
@@ -274,7 +274,7 @@ class Reverse(Retiming):
             verb=say.phrase("{reverse}|backward|in reverse|reversed|the other way around in time|[{run}] "
                             "<.back>", back=_backward()),
         )  # fmt: skip
-        return say.Said((reverse,), alone=(~say.toward + _backward() >> (lambda: reversed),))
+        return say.Sentences((reverse,), alone=(~say.toward + _backward() >> (lambda: reversed),))
 
 
 @dataclass(frozen=True)
@@ -307,7 +307,7 @@ class Loop(Retiming):
         return ()
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         """Again and again."""
         from .. import english as say
 
@@ -317,7 +317,7 @@ class Loop(Retiming):
             again="{loop}|on (a) loop|in a loop|on repeat|over and over (again)|again and again|endlessly|"
                   "forever|in an endless loop|as a loop|a loop|repeatedly|looping",
         )  # fmt: skip
-        return say.Said((loop,))
+        return say.Sentences((loop,))
 
 
 def looped(who: SelectKind, when: When, _: SentenceContext) -> Change:

@@ -21,7 +21,7 @@ from ._color import Dye
 
 if TYPE_CHECKING:
     from ...language.grammar import Rule
-    from ..english import Said
+    from ..english import Sentences
     from ..phrases import SentenceContext, When
 
 BLACK_AND_WHITE = (0.5, 0.5, 0.5)
@@ -144,7 +144,7 @@ class Recolour(Dye):
         )
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         quality = say.Quality(
@@ -181,7 +181,7 @@ class Recolour(Dye):
             verb="{=fade/dissolve/dip/go/fade out/fade slowly}",
             rgb="[to|into|out to|down to] (a|solid|pure|full|total|complete) <colour>",
         )  # fmt: skip
-        return say.Said((hue, tint, rest, light, fade), (quality,), *_colors())
+        return say.Sentences((hue, tint, rest, light, fade), (quality,), *_colors())
 
 
 def _more(rgb: Vector) -> str:

@@ -15,7 +15,7 @@ from ..state import Appearance
 
 if TYPE_CHECKING:
     from ..apply import Looking
-    from ..english import Said
+    from ..english import Sentences
     from ..phrases import SentenceContext, When
     from ..splat_rows import SplatRows
 
@@ -71,7 +71,7 @@ class Delete(Removal, ChangeWithShadow):
         return (Reply(("delete", "keep_only"), "Delete it, or leave nothing else.", make, {}, "RemovalChange"),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         all_but = say.command(
@@ -107,7 +107,7 @@ class Delete(Removal, ChangeWithShadow):
                 f"in [the|this|my|our] [{say.PICTURE}]"
             ),
         )  # fmt: skip
-        return say.Said((all_but, without, take_out, delete))
+        return say.Sentences((all_but, without, take_out, delete))
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Extract(Removal):
         return ()
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         leaving = frozenset(say.every_form("leave|let").split("|"))
@@ -159,7 +159,7 @@ class Extract(Removal):
             )
             | say.literal("alone") + say.here(lambda reading, at: leaving.isdisjoint(reading.words)),
         )  # fmt: skip
-        return say.Said((only,))
+        return say.Sentences((only,))
 
 
 def extracted(who: SelectKind, when: When, _: SentenceContext) -> Change:

@@ -19,7 +19,7 @@ from ..values import Value
 from ._color import Dye
 
 if TYPE_CHECKING:
-    from ..english import Said
+    from ..english import Sentences
 
 PICTURE_LOOKS = ("night", "sunset", "sepia", "autumn", "neon")
 """Looks of a whole picture."""
@@ -72,7 +72,7 @@ class Style(Dye):
         return (Reply(("style",), "A look from the table.", make, fields, "Look"),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         name = say.table(
@@ -109,7 +109,7 @@ class Style(Dye):
             say.phrase(f"(in|with) ({say.REAL}) <look> <effect>", **rules),
             say.phrase("((in|into|to|with) (the|a|an|some|that|this)) <look> (<effect>)", **rules | {"look": in_scene}),
         )  # fmt: skip
-        return say.Said(made=(a_look,), alone=(alone >> styled,), given=(given >> styled,))
+        return say.Sentences(made=(a_look,), alone=(alone >> styled,), given=(given >> styled,))
 
 
 ADJECTIVES = {

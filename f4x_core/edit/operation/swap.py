@@ -18,7 +18,7 @@ from ._place import vector
 from .transform import Transform
 
 if TYPE_CHECKING:
-    from ..english import Said
+    from ..english import Sentences
     from ..phrases import SentenceContext, When, Who
     from ..plan_lines import Seen
     from ..resolve import Settling
@@ -71,7 +71,7 @@ class Swap(Change):
         return f"{self.described()}: {whom(self.select)} goes {way or 'nowhere'}, {whom(self.other)} the other way"
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         spots = say.literal("place|position|spot|location|places|positions|spots|locations")
@@ -83,7 +83,7 @@ class Swap(Change):
             other=say.phrase("[with|for|and] <there_already> ('s (<spots>))", spots=spots),
             places=say.phrase("(the|their) <spots> (of|with)|with each other|with one another|around|over", spots=spots),
         )  # fmt: skip
-        return say.Said((swap,))
+        return say.Sentences((swap,))
 
 
 def swapped(other: Who | None = None) -> Value:

@@ -12,7 +12,7 @@ from ..change import Change, Reply
 from ..selects import All, SelectKind
 
 if TYPE_CHECKING:
-    from ..english import Said
+    from ..english import Sentences
     from ..stack import Edit
 
 
@@ -58,7 +58,7 @@ class TakeBack(Change):
         return f"take back '{self.words}'" if self.words else f"take back the edit of id {self.edit}"
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         edit = "[edit|change|step|command|one|thing]"
@@ -75,7 +75,7 @@ class TakeBack(Change):
             say.nobody,
             undo=phrases,
         )
-        return say.Said(early=(undo,))
+        return say.Sentences(early=(undo,))
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:

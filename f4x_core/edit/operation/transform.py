@@ -12,7 +12,7 @@ from ...geometry import quaternion
 from ...language.degrees import DEGREES, Amount, Distance, Steps, displacement
 from ...language.lexicon import PLACES, word_set
 from ...language.refusal import Mismatch, Refusal
-from ..change import STANDING, Change, Ease, Reply, Span, Vector, check_numbers, check_scale, check_span
+from ..change import DIRECTIONS, Change, Ease, Reply, Span, Vector, check_numbers, check_scale, check_span
 from ..description import (
     SCENE_AXES,
     beside_words,
@@ -31,7 +31,7 @@ from ._place import DOWN, LEFT, RIGHT, UP, Placing, vector
 
 if TYPE_CHECKING:
     from ...language.grammar import Reading
-    from ..english import Command, Said
+    from ..english import Command, Sentences
     from ..phrases import Place, SentenceContext, When
     from ..plan_lines import Seen
     from ..resolve import Settling
@@ -227,7 +227,7 @@ class Transform(Placing):
         return (Reply(("transform",), doc, make, fields, "TransformChange"),)
 
     @classmethod
-    def said(cls) -> Said:
+    def sentences(cls) -> Sentences:
         from .. import english as say
 
         quality = say.Quality(
@@ -268,7 +268,7 @@ class Transform(Placing):
             "(at|to) [<percent>|<multiple>] [of what it [is|was] (now|before)|of [it|itself]|as it [is|was] (now)]"
         )
         too = {words: (moved(back), moved(away)) for words, (back, away) in TOO_FAR.items()}
-        return say.Said((*_turning(), *_moving(), times, bare), (quality,), made, (alone >> scaled,), {}, too)
+        return say.Sentences((*_turning(), *_moving(), times, bare), (quality,), made, (alone >> scaled,), {}, too)
 
 
 def _turning() -> tuple[Command, ...]:
@@ -403,7 +403,9 @@ def placed(place: Place) -> Value:
         if beside == who:
             raise Refusal("A thing cannot go beside itself; say beside whom.")
         context.last = who
-        return Transform(who, translate=STANDING[place.where], unit="size", axes="camera", beside=beside, **when.growth)
+        return Transform(
+            who, translate=DIRECTIONS[place.where], unit="size", axes="camera", beside=beside, **when.growth
+        )
 
     return value
 
