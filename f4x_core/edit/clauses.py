@@ -1,4 +1,5 @@
 """The search for what a sentence says: clauses, each a command with its slots in any order and idle words between."""
+# ruff: noqa: F401  # phrases name what they are made of
 
 from __future__ import annotations
 
@@ -20,13 +21,13 @@ from ..language.grammar import (
     listed,
     literal,
     matches_of,
-    optional,
     sign,
     silent,
     table,
 )
 from ..language.idle import EMPTY, idle_gaps
 from ..language.lexicon import FUNCTION_WORDS, word_set
+from ..language.notation import Notation
 from ..language.refusal import Mismatch, Refusal
 from ..language.times import Span, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
@@ -51,6 +52,7 @@ class Clause(NamedTuple):
 Clauses = tuple[Clause, ...]
 
 
+_say = Notation(globals())
 _then = either(span, keyword("only|just") + span, span + keyword("(,) [only|alone]"))
 _when = ~keyword("(,) (but)") + _then
 _slowly = ~keyword(",") + table(
@@ -79,30 +81,20 @@ _about_whom = literal(
 )
 _PRONOUNS = word_set("it him her them its his their they he she")
 _pronoun_follows = here(lambda reading, at: any(t.text in _PRONOUNS for t in reading.tokens[at:]))
-_topic_before = either(
-    _about_whom
-    + thing
-    + here(lambda reading, at: reading.word(at) in IMPERATIVES and reading.word(at + 1) in _PRONOUNS),
-    thing + keyword(":"),
-    thing + literal(",|-|->|=>|=|!") + (_pronoun_follows | here(lambda reading, at: reading.word(at - 1) == "!")),
-    _about_whom + thing + keyword(",|:|and|-|."),
+_called_out = here(lambda reading, at: reading.word(at - 1) == "!")
+_do_it = here(lambda reading, at: reading.word(at) in IMPERATIVES and reading.word(at + 1) in _PRONOUNS)
+_topic_before = _say(
+    "<_about_whom> <thing> [<_do_it>|,|:|and|-|.]|<thing> [:|[,|-|->|=>|=|!] [<_pronoun_follows>|<_called_out>]]"
 ) >> (lambda who: Clause(TOPIC, {"who": who}))
-
-
-_number_of_item = (
-    ~literal("step|part|item|task|edit|point|number|no|#") + (number + either(sign(")"), keyword(".|:")))
-    | literal("step|part|item|task|edit|point") + number + ~keyword(",")
-    | literal("first|second|third|fourth|last")
-    + ~keyword(",")
-    + here(lambda reading, at: reading.word(at) in IMPERATIVES - FUNCTION_WORDS)
+_bracket, _verb = sign(")"), here(lambda reading, at: reading.word(at) in IMPERATIVES - FUNCTION_WORDS)
+_number_of_item = _say(
+    "(step|part|item|task|edit|point|number|no|#) <.number> [<_bracket>|.|:]|[step|part|item|task|edit|point] <.number> (,)|"
+    "[first|second|third|fourth|last] (,) <_verb>"
 )
-_separator_or_number = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
-_start = (
-    ~keyword("and|while|as")
-    + _ends
-    + ~silent(_number_of_item)
-    + ~literal("first|to begin with|to start with|for starters")
-    + optional(_filler + _topic_before)
+_separator_or_number = _say.table({"<_separator> (<_number_of_item>)": lambda hard: hard, "<_number_of_item>": True})
+_start = _say(
+    "(and|while|as) <_ends> (<_number_of_item>) (first|to begin with|to start with|for starters) <_topic?>",
+    _topic=_filler + _topic_before,
 )
 _ONE_MORE, _RUN_ON, _IN_FRONT = 2, 7, 0.1
 """Costs of a command behind another, and of one with nothing between; what a time before a command is better than one within."""
@@ -111,14 +103,7 @@ _JOINING = EMPTY | word_set("also too then just now please only")
 _any_order: list[tuple[Command, dict[str, Rule], frozenset[str]]] = [
     (
         command,
-        {
-            "who": command.who,
-            **command.slots,
-            "when": _when,
-            "slowly": _slowly,
-            "besides": besides,
-            "spares": spares,
-        },
+        {"who": command.who, **command.slots, "when": _when, "slowly": _slowly, "besides": besides, "spares": spares},
         command.needed | (frozenset() if command.use.bare or command.use.whole else {"who"}),
     )
     for command in COMMANDS
@@ -156,8 +141,10 @@ class Search:
             return self.at[key]
         best = self.at[key] = {}
         for order, command, needed, matches in self.commands:
-            lent = {"verb": before.slots["verb"]} if before and _lends(before, command) else None
-            for given in ({}, lent) if lent else ({},):
+            ways: list[dict[str, Any]] = [{}]
+            if before and command is before.command and "verb" in command.needed & before.slots.keys():
+                ways.append({"verb": before.slots["verb"]})  # which need not be said again
+            for given in ways:
                 price = order / 500 + bool(given)
                 for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
                     limit = best[end].cost - price if end in best else math.inf
@@ -228,19 +215,11 @@ def _first_made(
     for cover in found:
         if cover.cost >= limit:
             return None
-        if (not given or _says_more(cover.values, needed)) and _can_be_made(command, {**given, **cover.values}):
+        # "And the cat" alone says no more than whom and belongs to the clause before it.
+        more = not given or cover.values.keys() & ((needed | {"when"}) - {"verb", "who"})
+        if more and _can_be_made(command, {**given, **cover.values}):
             return cover
     return None
-
-
-def _lends(before: Clause, command: Command) -> bool:
-    """Return True if a clause that follows may do without the verb of the command, which is said already."""
-    return command is before.command and "verb" in command.needed & before.slots.keys()
-
-
-def _says_more(slots: Mapping[str, Any], needed: frozenset[str]) -> bool:
-    """Return True if slots say more than whom: "and the cat" alone belongs to the clause before it."""
-    return bool(slots.keys() & ((needed | {"when"}) - {"verb", "who"}))
 
 
 def _commands(found: Found) -> bool:

@@ -3,6 +3,7 @@
 Between the phrases there may be words that add nothing; every other word has to belong to a phrase. The phrases of one operation
 stand in its file, in `sentences`.
 """
+# ruff: noqa: F401  # phrases name what they are made of
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
 from ..language.degrees import Amount
 from ..language.grammar import either, here, keyword, listed, literal, optional, silent, table, unless
 from ..language.lexicon import PICTURE, every_form
+from ..language.notation import Notation
 from ..language.refusal import Mismatch
 from ..language.times import span
 from ..language.verbs import IMPERATIVES, any_form
@@ -62,26 +64,17 @@ _rather = ~literal(
     "far|way|much|a bit|a little|a little bit|rather|really|still|just|slightly|quite|somewhat|a tad|a touch"
 )
 _too = table({words: too for words, (too, _) in _TOO.items() if too}, reserve=False)
-too_much = either(
-    _rather + keyword("too") + _rather + _too,
-    _rather + keyword("too") + _rather + colour >> (lambda rgb: added(1.0, (rgb, -1))),
-    ~(_rather + keyword("too"))
-    + table(
-        {words: q.helps(upward) for q in QUALITIES for _, words, upward in q.complaints() if q.helps(upward)},
-        reserve=False,
-    ),
-    keyword("not")
-    + table({words: more for words, (_, more) in _TOO.items() if more}, reserve=False)
-    + keyword("enough"),
+_less_of = colour >> (lambda rgb: added(1.0, (rgb, -1)))
+_excess = table(
+    {words: q.helps(upward) for q in QUALITIES for _, words, upward in q.complaints() if q.helps(upward)}, reserve=False
 )
+_not_enough = table({words: more for words, (_, more) in _TOO.items() if more}, reserve=False) + keyword("enough")
+_say = Notation(globals())
+too_much = _say("<_rather> too <_rather> [<_too>|<_less_of>]|(<_rather> too) <_excess>|not <_not_enough>")
 """Values against too much or too little of a quality."""
-rather = (
-    literal(
-        "a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite|terribly|awfully|horribly|"
-        "dreadfully|painfully|"
-        "blindingly|ridiculously|overly|excessively|annoyingly|unbearably"
-    )
-    + _too
+rather = _say(
+    "[a (little) bit|a little|rather|kind of|somewhat|slightly|a tad|a touch|quite|terribly|awfully|horribly|dreadfully|painfully|"
+    "blindingly|ridiculously|overly|excessively|annoyingly|unbearably] <_too>"
 )
 """Values for complaints such as "it is a bit dark"."""
 simply = optional(degree) + ~literal("more|really|very|rather|quite") + table(
@@ -136,15 +129,15 @@ ADDS_NOTHING = either(
 _joined = literal("and|,|, and|but|plus|and also|as well as|+")
 _quality = either(
     *(rule for kind in SENTENCES for rule in kind.given),
-    toward
-    + made
-    + ~literal(
-        "tone|tones|mood|look|light|feel|grade|grading|color|colors|feeling|picture|image|clip|video|scene|shot|footage"
+    _say(
+        "<toward> <made> (tone|tones|mood|look|light|feel|grade|grading|color|colors|feeling|picture|image|clip|video|scene|shot|"
+        "footage)"
     ),
     *(rule for kind in SENTENCES for rule in kind.alone),
-    ~literal("a|the|nice and|pretty|in a|feel|look|looking|feeling")
-    + simply
-    + ~literal("tone|tones|mood|look|light|color|colors|filter|grade|overlay|cast|wash"),
+    _say(
+        "(a|the|nice and|pretty|in a|feel|look|looking|feeling) <simply> (tone|tones|mood|look|light|color|colors|filter|grade|"
+        "overlay|cast|wash)"
+    ),
 )
 _becoming = either(
     unless(literal("tones|shades|looks|seems|feels") | has_to_go) + literal(any_form("match") + "|" + LIGHT_VERBS),
@@ -176,11 +169,10 @@ _times_as_much = table(
     },
     reserve=False,
 )
-_to_value = (
-    unless(here(lambda reading, at: any(end > at for i in range(max(at - 5, 0), at) for end in span.at(reading, i))))
-    + literal("[to|at|=|:|be|of|is] (about|around|exactly|only)")
-    + either(percent, multiple, number)
-    + ~literal("of [its|the|their] (original|current|normal|present) (value|size|speed|brightness|level)")
+_in_a_time = here(lambda reading, at: any(end > at for i in range(max(at - 5, 0), at) for end in span.at(reading, i)))
+_to_value = _say(
+    "!<_in_a_time> [to|at|=|:|be|of|is] (about|around|exactly|only) [<percent>|<multiple>|<number>] (of [its|the|their] "
+    "(original|current|normal|present) (value|size|speed|brightness|level))"
 )
 """Values of qualities."""
 

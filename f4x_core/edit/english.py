@@ -29,11 +29,11 @@ from ..language.grammar import Rule, constant, either, here, keyword, literal
 from ..language.grammar import optional, silent, table, unless
 from ..language.lexicon import PICTURE, every_form, word_set
 from ..language.notation import Notation
-from ..language.refusal import Mismatch, Refusal
+from ..language.refusal import Mismatch
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import IMPERATIVES, any_form, asked_form
 from .phrases import SentenceContext, Who, beside_itself, everything_but, familiar, known_noun, known_thing, name, place
-from .phrases import there_already, thing, two_of_them, whose
+from .phrases import there_already, thing, two_of_them, who_of, whose
 from .selects import All, SelectKind
 from .values import Given, Graded, Value
 
@@ -72,12 +72,11 @@ about = ~literal("of|for|on|to|in|with|around|round|about|onto|over|at|from|upon
 _SEEN_ALONE = word_set("visible seen shown left remain remaining remains there")
 _not_seen_alone = here(lambda reading, at: _SEEN_ALONE.isdisjoint(reading.words))
 """Of "only the dog should be visible" the rest is not to be seen."""
-whom = (
-    unless(literal("over the [clip|video|film|scene|shot]|across the board"))
-    + ~(_not_seen_alone + literal("(but) [only|just|only for|just for|only with]"))
-    + about
-    + thing
-    + ~literal("only|alone")
+phrase = Notation(globals())
+"""The rule of a phrase in words, which may name rules of this module."""
+whom = phrase(
+    "![over the [clip|video|film|scene|shot]|across the board] (<_not_seen_alone> (but) [only|just|only for|just for|only with]) "
+    "<about> <thing> (only|alone)"
 )
 """Whom a command is about, with what may stand before and behind."""
 
@@ -97,10 +96,6 @@ class Command:
     who: Rule = whom
     """The phrase for whom it is about."""
     use: Use = USUAL
-
-
-phrase = Notation(globals())
-"""The rule of a phrase in words, which may name rules of this module."""
 
 
 def command(
@@ -370,11 +365,8 @@ nobody = table({})
 """No words: of a command that is about no thing."""
 
 
-def the_clip() -> Who:
+@who_of
+def the_clip(context: SentenceContext) -> SelectKind:
     """Whom a clip, its time or what happens then means: everything."""
-
-    def who(context: SentenceContext) -> SelectKind:
-        context.last = All()
-        return context.last
-
-    return who
+    context.last = All()
+    return context.last

@@ -10,7 +10,7 @@ import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 from ..errors import F4xError
@@ -68,6 +68,8 @@ _ASKED_FOR = frozenset(
 )
 """With which the command begins behind words that only ask for it: "would you mind making"."""
 _DROPPED = word_set("please kindly thanks thank")
+_PICTURES = ("So", "Sk", "Mn", "Cn")
+"""Unicode categories of emoji."""
 
 
 def parse(
@@ -98,7 +100,9 @@ def parse(
         )
         return _settled(read, context, _recalled(before, context))
 
-    before = _clauses_before(earlier, known)
+    before: Clauses = ()
+    with suppress(Refusal):  # a sentence that is not understood says nothing of this one
+        before = _read(earlier, known).clauses if earlier else ()
     read = _read(sentence, known, settled)
     if not read.clauses and _first_asked(read.reading.tokens) in _INTERROGATIVES - IMPERATIVES:
         raise Refusal(_A_QUESTION)
@@ -107,10 +111,7 @@ def parse(
     if request.labels or not read.clauses:
         _ask_about_slips(read, sentence, known, settled)
     if read.clauses:
-        if _removes_loosely(read):
-            if strange := _named_besides(read):
-                raise Refusal(f"I do not know what '{strange}' is, so nothing is removed.")
-            raise _without_idle(read)
+        _ask_before_removing(read)
         return read.operations
     reason = _SHOWN_ONLY_THEN if read.only_then else read.reason or reason_of(NO_EDIT, read.reading)
     if not reason:
@@ -171,55 +172,43 @@ def _settled(read: Read, context: SentenceContext, before: Clause | None) -> tup
 def _read(
     sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle | None = None, guess: bool = False
 ) -> Read:
-    """A sentence with its words and clauses; a reading counts where `settled` can carry it out.
+    """The reading with the cheapest idle words that `settled` can carry out, or why that of the first cannot be.
 
     `guess`: words that nobody knows may be left out.
     """
-    reading = _words_of(sentence, known)
-    found, reason = _matched(reading, known, settled, guess)
-    return found or Read(reading, reason=reason)
-
-
-def _matched(
-    reading: Reading, known: Mapping[tuple[str, ...], str], settled: Settle | None, guess: bool
-) -> tuple[Read | None, str]:
-    """The reading with the cheapest idle words that can be carried out, and why others cannot."""
-    reason = ""
+    reading, reason = _words_of(sentence, known), ""
+    tried = reading
     for _ in range(MAX_BARRED + 1):
-        found = Search(reading, {words[-1] for words in known}).sentence()
+        found = Search(tried, {words[-1] for words in known}).sentence()
         if found is None or (found.cost > UNKNOWN / 2 and not guess):
             break
-        read = Read(reading, found.clauses, idle=found.idle)
+        read = Read(tried, found.clauses, idle=found.idle)
         try:
-            return read if settled is None else replace(read, operations=settled(read)), reason
+            return read if settled is None else replace(read, operations=settled(read))
         except Refusal as refusal:
             reason = reason or ("" if found.idle else refusal.reason)
             if isinstance(refusal, Final):
                 break
         except F4xError:
             break
-        tried = frozenset(id(clause.command) for clause in read.clauses)
-        reading = replace(reading, barred=reading.barred | tried)  # another command may do
-    return None, reason
+        barred = frozenset(id(clause.command) for clause in read.clauses)
+        tried = replace(tried, barred=tried.barred | barred)  # another command may do
+    return Read(reading, reason=reason)
 
 
 def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
     """The words of a sentence; Refusal where it is a question, too long or empty."""
     tokens = [
-        token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED and not _is_picture(token)
+        token
+        for token in _statements(tokenise(sentence))
+        if token.text not in _DROPPED
+        and not (len(token.text) == 1 and (token.text in "[]{}*~" or unicodedata.category(token.text) in _PICTURES))
     ]
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
     if not any(token.text.isalnum() for token in tokens):
         raise Refusal("Nothing is said that could be done.")
-    return Reading.of(sentence, tokens, known)
-
-
-def _is_picture(token: Token) -> bool:
-    """Return True if a sign is an emoji or a bracket that means nothing here."""
-    return len(token.text) == 1 and (
-        token.text in "[]{}*~" or unicodedata.category(token.text) in ("So", "Sk", "Mn", "Cn")
-    )
+    return Reading(sentence, known, tokens)
 
 
 def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
@@ -281,17 +270,16 @@ def _without_idle(read: Read) -> Doubt:
     return Doubt(f"I would do: {in_words(read.operations)}. I do not know what '{words}' adds.", instead)
 
 
-def _removes_loosely(read: Read) -> bool:
-    """Return True if something is no longer seen and a word is left unexplained that may say whether or what."""
-    words = {read.reading.word(at) for at in read.idle}
-    return any(map(removes, read.operations)) and not words <= EMPTY | {"the"}
-
-
-def _named_besides(read: Read) -> str:
-    """The unknown thing with an article among the words left unexplained, which may be what is to be removed: "the graffiti"."""
+def _ask_before_removing(read: Read) -> None:
+    """Raise Refusal or `Doubt` where something is no longer seen and a word is left unexplained that may say whether or what."""
     words = read.reading.words
+    if not any(map(removes, read.operations)) or {words[at] for at in read.idle} <= EMPTY | {"the"}:
+        return
+    # An unknown thing with an article may be what is to be removed: "the graffiti".
     at = next((at for at in read.idle if words[at] in ("the", "my", "that", "those") and at + 1 in read.idle), None)
-    return "" if at is None or words[at + 2] == "'s" else read.reading.text_of(at, at + 2)
+    if at is not None and words[at + 2] != "'s":
+        raise Refusal(f"I do not know what '{read.reading.text_of(at, at + 2)}' is, so nothing is removed.")
+    raise _without_idle(read)
 
 
 _SPOKEN_OF = word_set(
@@ -307,26 +295,23 @@ _INFLECTED = ("er", "ing", "ed")
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
-    lexicon = _lexicon()
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
         describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
         if (
             token.is_word
             and not describes
-            and all({token.text, singular(token.text)}.isdisjoint(words) for words in (lexicon, parts, _SPOKEN_OF))
+            and all({token.text, singular(token.text)}.isdisjoint(words) for words in (_LEXICON, parts, _SPOKEN_OF))
         ):
             meant = misspelt(token.text, parts | _SPOKEN_OF)
-            meant = meant or (None if understood else misspelt(token.text, lexicon | parts))
+            meant = meant or (None if understood else misspelt(token.text, _LEXICON | parts))
             if meant and (is_slip(token.text, meant) or not token.text.endswith(_INFLECTED)):
                 return token, meant
     return None
 
 
-@cache
-def _lexicon() -> frozenset[str]:
-    """Every word that means something in whatever sentence."""
-    return frozenset().union(VOCABULARY, NAMES_TOO, FUNCTION_WORDS, NO_THINGS, EMPTY, COLOURS, SHADES)
+_LEXICON = frozenset().union(VOCABULARY, NAMES_TOO, FUNCTION_WORDS, NO_THINGS, EMPTY, COLOURS, SHADES)
+"""Every word that means something in whatever sentence."""
 
 
 def _selected(operation: Change) -> Iterator[SelectKind]:
@@ -356,7 +341,7 @@ _SURELY_ASKED = word_set("is are does did")
 
 def _asks(part: Sequence[Token]) -> bool:
     """Return True if words ask something and are no polite command."""
-    reading = Reading("", list(part))
+    reading = Reading("", tokens=list(part))
     return _first_asked(part) in _INTERROGATIVES and not (
         WISHES.at(reading, 0) or any(_polite.at(reading, at) for at in range(min(len(part), _POLITE_BEFORE)))
     )
@@ -390,14 +375,6 @@ def _known(labels: tuple[str, ...], names: tuple[str, ...] = ()) -> Mapping[tupl
         if (meant,) in known:
             known.setdefault((word,), known[(meant,)])
     return known
-
-
-def _clauses_before(earlier: str, known: Mapping[tuple[str, ...], str]) -> Clauses:
-    """The clauses of the sentence before; none where there is none or it is not understood."""
-    try:
-        return _read(earlier, known).clauses if earlier else ()
-    except Refusal:
-        return ()
 
 
 def _recalled(clauses: Clauses, context: SentenceContext) -> Clause | None:
@@ -638,7 +615,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     """Commands of which the sentence says all but for whom, about what it names or else what is `there`; none that removes."""
     known = _known(tuple(there))
     text = written(sentence)
-    reading = Reading.of(text, tokenise(text)[:MAX_WORDS], known)
+    reading = Reading(text, known, tokenise(text)[:MAX_WORDS])
     named = [
         label
         for label in there
@@ -651,18 +628,16 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
         and command.make not in (REMARK, AGAIN)
         and matches_of(command.slots, needed, reading)
     ]
-    done = {example: _done_by(example, there) for example in examples}
+    done = {example: operations_of(example, there) for example in examples}
     fitting = [example for example, does in done.items() if does and not any(map(removes, does))]
     return tuple(fitting[:MOST_EXAMPLES])
 
 
-def is_command(sentence: str, labels: Sequence[str]) -> bool:
-    """Return True for a sentence that can be carried out as it stands, in a clip of any length whose scene knows `labels`."""
-    return bool(_done_by(sentence, labels))
+def operations_of(sentence: str, labels: Sequence[str]) -> tuple[Change, ...]:
+    """The operations of a sentence as it stands, in a clip of any length whose scene knows `labels`.
 
-
-def _done_by(sentence: str, labels: Sequence[str]) -> tuple[Change, ...]:
-    """The operations of such a sentence; none where it cannot be carried out or has two meanings."""
+    None where it cannot be carried out or has two meanings.
+    """
     clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
     with suppress(F4xError):
         read = _read(sentence, _known(tuple(labels)), lambda read: _settled(read, clip, None))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Concatenate, NamedTuple, ParamSpec
 
 from ..language.amounts import VIEWER, direction, number, number_at
 from ..language.colour_names import COLOURS, SHADES
@@ -27,7 +27,6 @@ from ..language.grammar import (
     sign,
     silent,
     table,
-    tokenise,
     unless,
 )
 from ..language.lexicon import (
@@ -247,6 +246,17 @@ class When:
 
 Who = Callable[[SentenceContext], SelectKind]
 """Rule of an object phrase; it notes itself as the last thing named."""
+Values = ParamSpec("Values")
+
+
+def who_of(make: Callable[Concatenate[SentenceContext, Values], SelectKind]) -> Callable[Values, Who]:
+    """Return the function of the values of a phrase that makes a `Who`; `make` gets the context before them."""
+
+    def made(*args: Values.args, **kwargs: Values.kwargs) -> Who:
+        return lambda context: make(context, *args, **kwargs)
+
+    return made
+
 
 _DESCRIBING = word_set("big large small tiny bright dark light fast slow quick static standing still whole little")
 """Words of the grammar that may also stand before a noun."""
@@ -479,17 +489,15 @@ def _is_every(reading: Reading, at: int) -> bool:
     )
 
 
-def _thing(label: str, plural: bool, single: bool = False) -> Who:
-    def who(context: SentenceContext) -> SelectKind:
-        if label == COPY and (context.copies or context.earlier):
-            return _the_copy(context)
-        name = context.names.get(label.lower())
-        alone = context.earlier and not plural  # what was copied in an earlier sentence
-        one = (label,) if single else ()
-        select = Text((label,), number="one" if alone else "any", single=one) if name is None else Named(name)
-        return context.and_copies(select) if plural else select
-
-    return who
+@who_of
+def _thing(context: SentenceContext, label: str, plural: bool, single: bool = False) -> SelectKind:
+    if label == COPY and (context.copies or context.earlier):
+        return _the_copy()(context)
+    name = context.names.get(label.lower())
+    alone = context.earlier and not plural  # what was copied in an earlier sentence
+    one = (label,) if single else ()
+    select = Text((label,), number="one" if alone else "any", single=one) if name is None else Named(name)
+    return context.and_copies(select) if plural else select
 
 
 def _always(select: SelectKind) -> Callable[..., Who]:
@@ -502,12 +510,10 @@ _known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modifi
 _everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
 
 
-def _so_many(count: int, noun: Who) -> Who:
-    def who(context: SentenceContext) -> SelectKind:
-        select = noun(context)
-        return replace(select, count=count) if isinstance(select, Text) else select
-
-    return who
+@who_of
+def _so_many(context: SentenceContext, count: int, noun: Who) -> SelectKind:
+    select = noun(context)
+    return replace(select, count=count) if isinstance(select, Text) else select
 
 
 _part_of_known = (_article | here(lambda reading, at: reading.word(at) in _CAST)) + _things(_part_of_known_at)
@@ -540,14 +546,11 @@ _neighbour = later(lambda: _one_thing)
 """To whom something stands; by name, because it may itself be told by where it stands."""
 
 
-def _standing(kind: Who, plural: bool, where: Where, other: Who) -> Who:
-    def who(context: SentenceContext) -> SelectKind:
-        of = kind(context)
-        to = other(context)
-        context.last = Beside(of, where, to, plural, context.present)
-        return context.last
-
-    return who
+@who_of
+def _beside(context: SentenceContext, kind: tuple[Who, bool], where: Where, other: Who) -> SelectKind:
+    of, plural = kind[0](context), kind[1]
+    context.last = Beside(of, where, other(context), plural, context.present)
+    return context.last
 
 
 def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
@@ -621,14 +624,12 @@ _kind = either(
 )
 
 
-def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
-    def who(context: SentenceContext) -> SelectKind:
-        frame = context.present if seen is None else _frame(seen, context)
-        of = kind(context)
-        of = replace(of, number="any") if isinstance(of, Text) else of  # of a thing and its copies one is the left one
-        return Instance(context.and_copies(of), which, frame)
-
-    return who
+@who_of
+def _one_of(context: SentenceContext, which: Any, kind: Who, seen: float | None) -> SelectKind:
+    frame = context.present if seen is None else _frame(seen, context)
+    of = kind(context)
+    of = replace(of, number="any") if isinstance(of, Text) else of  # of a thing and its copies one is the left one
+    return Instance(context.and_copies(of), which, frame)
 
 
 def _frame(number: float, context: SentenceContext) -> int:
@@ -663,23 +664,26 @@ _whole = later(lambda: _whole_thing)
 _part_of = ~keyword("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
 
 
-def _placed_part(side: Any, share: float, whole: Who) -> Who:
-    return lambda context: Part(whole(context), side, share, context.present)
+@who_of
+def _placed_part(context: SentenceContext, side: Any, share: float, whole: Who) -> SelectKind:
+    return Part(whole(context), side, share, context.present)
 
 
-_its = lambda context: context.it("'its'")  # noqa: E731
+_pronoun = who_of(SentenceContext.it)
+_side, _share = table(_SIDE_OF, reserve=False), table(SHARES, reserve=False)
+_end_of = table({"top": "top", "bottom": "bottom"})
 _placed = either(
     _part_of + keyword("of") + _whole >> _placed_part,
-    (familiar | ~_article + _noun) + keyword("'s|'") + _part_of
-    >> (lambda whole, side, share: _placed_part(side, share, whole)),
-    ~keyword("the|its") + table({"top": "top", "bottom": "bottom"}) + keyword("of") + _whole
-    >> (lambda side, whole: _placed_part(side, 0.5, whole)),
-    keyword("its|his|her|their|the") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
-    >> (lambda side, share: _placed_part(side, share, _its)),
+    _say("[<familiar>|(<_article>) <_noun>] ['s|'] <_part_of>") >> (lambda whole, *part: _placed_part(*part, whole)),
+    _say("(the|its) <_end_of> of <_whole>") >> (lambda side, whole: _placed_part(side, 0.5, whole)),
+    _say("[its|his|her|their|the] <_side> <_share>") >> (lambda *part: _placed_part(*part, _pronoun("'its'"))),
 )
-_he_or_she = table({"him|he": "'him'", "her|she": "'her'"}) >> (lambda word: lambda context: context.it(word))
-_it = _he_or_she | keyword("it|this|that|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
-    lambda: lambda context: context.it("'it'")
+_it = (
+    either(
+        table({"him|he": "'him'", "her|she": "'her'"}),
+        table({"it|this|that|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all": "'it'"}),
+    )
+    >> _pronoun
 )
 _they = keyword(
     "them|these|those|they|themselves|[these|those|the] [things|ones|objects]|all of [them|these|those]|them [all|both]|"
@@ -687,9 +691,10 @@ _they = keyword(
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
 _copy = keyword(
     "[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the [new|second|extra|added] one"
-) >> (lambda: _the_copy)
+) >> (lambda: _the_copy())
 
 
+@who_of
 def _the_copy(context: SentenceContext) -> SelectKind:
     if context.copies:
         return Named(list(context.copies)[-1])
@@ -704,17 +709,19 @@ _current = _say(
     "(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected|(the|my|our|"
     "this|these|those|all) (the) (currently) selected <_objects>"
 ) >> (lambda *_: lambda context: Current() if context.selected else context.it("the selection"))
+_all_but = who_of(lambda context, rest: Not(rest(context)))
 _everything = keyword(
     "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|all "
     "[things|objects]|every (single) [object|thing]|[everything|all] there is (to see)|"
     f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|"
     f"[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
 )
-_around = keyword(
-    "(the) [world|scene|surroundings] around|(the|all the) things around|everything around|all around|(the) space around"
-) + _neighbour >> (lambda who: lambda context: Not(who(context)))
+_around = (
+    _say("[(the) [world|scene|surroundings|space]|(the|all the) things|everything|all] around <_neighbour>") >> _all_but
+)
 
 
+@who_of
 def _the_other(context: SentenceContext, noun: Who | None) -> SelectKind:
     """All of the kind but the one that was named last."""
     last = context.it("'the other one'")
@@ -724,9 +731,8 @@ def _the_other(context: SentenceContext, noun: Who | None) -> SelectKind:
     return context.last
 
 
-_other_one = keyword("[the|that] other (one)|the other [ones|two|three]") + optional(familiar) + unless(
-    literal("[can|may|should|must] [stay|remain]|stays|stay|remains|remain")
-) >> (lambda noun: lambda context: _the_other(context, noun))
+_stays = literal("[can|may|should|must] [stay|remain]|stays|stay|remains|remain")
+_other_one = _say("[[the|that] other (one)|the other [ones|two|three]] <familiar?> !<_stays>") >> _the_other
 everything_else = keyword(
     f"[everything|all|anything] else|all the rest|the (whole) [rest|remainder] (of [it|them|the world|the [{PICTURE}]])|"
     "all others|(all (of)) the others|all (the) other [things|objects|stuff]|the other [things|objects]"
@@ -756,41 +762,22 @@ _CIRCLING = frozenset(any_form("rotate", "turn").split("|")) | word_set(
     "move moves moving run runs running walk walks drive drives fly flies go goes ride rides put place add wrap"
 )
 """Verbs that go around something themselves: "spin the dog around the tree"."""
-_stood = _kind_and_number + _stands + (
-    table(WHERE, reserve=False)
-    | here(lambda reading, at: _CIRCLING.isdisjoint(reading.words[:at]))
-    + table({"(all) around|round": "near"}, reserve=False)
-) + (familiar | _determined | _instance | _it) >> (lambda kind, where, other: _standing(kind[0], kind[1], where, other))
-"""A thing told by how it stands to another."""
-_whole_thing: Rule = either(
-    familiar, _determined, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
+_surrounding = here(lambda reading, at: _CIRCLING.isdisjoint(reading.words[:at])) + table(
+    {"(all) around|round": "near"}, reserve=False
 )
+_beside_what = table(WHERE, reserve=False)
+_stood = (
+    _say("<_kind_and_number> <_stands> [<_beside_what>|<_surrounding>] [<familiar>|<_determined>|<_instance>|<_it>]")
+    >> _beside
+)
+"""A thing told by how it stands to another."""
+_all = _everything >> _always(All())
+_whole_thing: Rule = either(familiar, _determined, _instance, _current, _all, _it, _copy, _static, _moving)
 _one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _part_of_known)
-_definite = (
-    either(
-        _placed,
-        everything_else,
-        _current,
-        _moving,
-        _static,
-        _point,
-        _sized_one,
-        familiar,
-        _determined,
-        _instance,
-        _moving_noun,
-        _part_of_known,
-        _named_at_length,
-        _wearing,
-        _everything >> _always(All()),
-        _it,
-        _they,
-        _copy,
-        _around,
-        _other_one,
-        _stood,
-    )
-    + _in_scene
+_definite = _say(
+    "[<_placed>|<everything_else>|<_current>|<_moving>|<_static>|<_point>|<_sized_one>|<familiar>|<_determined>|<_instance>|"
+    "<_moving_noun>|<_part_of_known>|<_named_at_length>|<_wearing>|<_all>|<_it>|<_they>|<_copy>|<_around>|<_other_one>|<_stood>] "
+    "<_in_scene>"
 )
 
 
@@ -807,23 +794,22 @@ def together(parts: Sequence[SelectKind]) -> SelectKind:
     return merged[0] if len(merged) == 1 else Or(tuple(merged))
 
 
-def _all_of(singles: tuple[tuple[Who], ...]) -> Who:
-    def who(context: SentenceContext) -> SelectKind:
-        parts = []
-        for (single,) in singles:
-            parts.append(single(context))
-            context.last = parts[-1]  # "the table and everything on it"
-        context.last = together(parts)
-        return context.last
-
-    return who
+@who_of
+def _all_of(context: SentenceContext, singles: tuple[tuple[Who], ...]) -> SelectKind:
+    parts = []
+    for (single,) in singles:
+        parts.append(single(context))
+        context.last = parts[-1]  # "the table and everything on it"
+    context.last = together(parts)
+    return context.last
 
 
 def _is_plural(reading: Reading, at: int) -> bool:
     return singular(reading.word(at)) != reading.word(at)
 
 
-def _both(label: str, context: SentenceContext) -> SelectKind:
+@who_of
+def _both(context: SentenceContext, label: str) -> SelectKind:
     select = _thing(label, plural=True)(context)
     context.last = replace(select, number="both") if isinstance(select, Text) else select
     return context.last
@@ -872,13 +858,9 @@ two_of_them_behind = ~keyword("(of) (the|these|those|my|our|your)") + generated(
     lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
 )
 """A known noun in the plural, behind "both"."""
-two_of_them = ~keyword("the two|these two|those two|my two|two|the|my|both") + two_of_them_behind >> (
-    lambda label: lambda context: _both(label, context)
-)
+two_of_them = ~keyword("the two|these two|those two|my two|two|the|my|both") + two_of_them_behind >> _both
 """Two of a kind, who can change places."""
-_both_of_them = keyword("both") + two_of_them_behind + _in_scene >> (
-    lambda label: lambda context: _both(label, context)
-)
+_both_of_them = keyword("both") + two_of_them_behind + _in_scene >> _both
 _union = either(_both_of_them, ~keyword("both|either") + listed(_single, _and_also + here(_is_same_wish)) >> _all_of)
 known_thing = ~keyword("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
@@ -925,24 +907,18 @@ everything_but = _say(
 """Rule of the thing spared in "everything except the dog": a `Who`."""
 
 
-def _spared(rest: Who) -> Who:
-    return lambda context: Not(rest(context))
-
-
-def _without(kind: Who, rest: Who) -> Who:
-    def who(context: SentenceContext) -> SelectKind:
-        whole = kind(context)  # first, for "the dogs except the left one"
-        context.last = And((whole, Not(rest(context))))
-        return context.last
-
-    return who
+@who_of
+def _without(context: SentenceContext, kind: Who, rest: Who) -> SelectKind:
+    whole = kind(context)  # first, for "the dogs except the left one"
+    context.last = And((whole, Not(rest(context))))
+    return context.last
 
 
 besides = here(lambda reading, at: reading.word(at - 1) not in ("everything", "all", "anything")) + _besides
 """Whom a command leaves out, said at its end: "move everything down except the dog"."""
 known_noun = either(_part, _known, _modified)
 """A noun alone: the copies of it in "let a second dog follow"."""
-thing = either(everything_but >> _spared, _union, _union + _besides >> _without)
+thing = either(everything_but >> _all_but, _union, _union + _besides >> _without)
 """Whom a command is about: a `Who`."""
 
 
@@ -969,15 +945,13 @@ class Place(NamedTuple):
 
 
 _own_feet = literal("[its|his|her|their] [feet|foot|legs|paws|hooves|wheels]")
+_left_or_right = table({f"{side} (side)": side for side in ("left", "right")})
 place = either(
-    table(WHERE, reserve=False) + unless(_own_feet) + _neighbour + unless(keyword("left|right")) >> Place,
-    keyword("on|to|at") + _neighbour + keyword("'s|'") + table({f"{side} (side)": side for side in ("left", "right")})
-    >> (lambda other, where: Place(where, other)),
+    _say("<_beside_what> !<_own_feet> <_neighbour> ![left|right]") >> Place,
+    _say("[on|to|at] <_neighbour> ['s|'] <_left_or_right>") >> (lambda other, where: Place(where, other)),
 )
 """A `Place`."""
-beside_itself = table(WHERE, reserve=False) + THE_FIRST + unless(keyword("left|right")) >> (
-    lambda where: Place(where, lambda context: context.it("'it'"))
-)
+beside_itself = _say("<_beside_what> <THE_FIRST> ![left|right]") >> (lambda where: Place(where, _pronoun("'it'")))
 """The `Place` of a copy beside what is copied."""
 
 
@@ -1010,26 +984,14 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 name = generated(_name_at)
 _no_name = either(
-    *(
-        _moving,
-        _static,
-        _current,
-        _instance,
-        _everybody,
-        silent(_everything),
-        _it,
-        _they,
-        _copy,
-        colour,
-        _which,
-    ),
+    *(_moving, _static, _current, _instance, _everybody, silent(_everything), _it, _they, _copy, colour, _which),
     *(everything_else, _other_one, number),
 )
 
 
 def refuse_as_name(called: str) -> None:
     """Raise Refusal for what would be taken for a colour or for another way to say who: "red", "it", "everything"."""
-    readings = (Reading.of(text, tokenise(text), {}) for text in (called, f"the {called}"))
+    readings = (Reading(text) for text in (called, f"the {called}"))
     if called.lower() in FUNCTION_WORDS | NO_THINGS or any(
         len(reading.tokens) in _no_name.at(reading, 0) for reading in readings
     ):

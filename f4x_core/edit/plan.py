@@ -113,7 +113,7 @@ def propose(
                 continue
             reason = " ".join([*notes, str(error)])
             if isinstance(error, Several):
-                offered = tuple(one for one in error.commands if language.is_command(one, labels_of(scene)))
+                offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))
                 raise Refusal(error.reason, offered).behind(notes) from error
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
                 raise Refusal(reason, language.nearest(sentence, _there(scene))) from error

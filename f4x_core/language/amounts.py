@@ -22,8 +22,10 @@ from .grammar import (
     word_if,
 )
 from .lexicon import FRACTIONS, ONES, PICTURE, TENS, word_set
+from .notation import Notation
 from .refusal import Mismatch
 
+_say = Notation(globals(), VOCABULARY)
 _MANY = {"hundred": 100.0, "dozen": 12.0}
 _fraction_word = table(
     {
@@ -80,18 +82,16 @@ def _counted_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
 
 _NUMBER_WORDS = frozenset((*TENS, *ONES, *_MANY, "0", "a", "half", "couple"))
 number = generated(number_at, lambda: _NUMBER_WORDS)
-signed = (keyword("-|minus") + number >> (lambda x: -x)) | number
+signed = _say("[-|minus] <number>") >> (lambda x: -x) | number
 VOCABULARY.update(ONES, TENS, FRACTIONS, _MANY)
 
-_percent_sign = keyword("%|percent|per cent|pct")
-percent = number + _percent_sign >> (lambda x: x / 100)
+percent = _say("<number> [%|percent|per cent|pct]") >> (lambda x: x / 100)
 fraction = _fraction_word | generated(
     lambda reading, at: ((end, x) for end, x in number_at(reading, at) if reading.word(at + 1) == "/" and 0 < x < 1),
     lambda: frozenset("0"),
 )
 multiple = either(
-    number + keyword("times|x|fold"),
-    literal("x") + number,
+    _say("<number> [times|x|fold]|x <number>"),
     table({"twice|double|doubly|two times|two fold": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}),
     fraction,
 )
@@ -131,11 +131,9 @@ softly = degree | table(
     }
 )
 """How much of something there is: "very blurry"."""
-stops = (keyword("half a") >> (lambda: 0.5) | keyword("a|one") >> (lambda: 1.0) | number | fraction) + keyword(
-    "(of a|a) [stop|stops|f stop|f stops|ev]"
-) >> (lambda x: Amount("times", 2.0**x))
+_so_many = table({"half a": 0.5, "a|one": 1.0}) | number | fraction
+stops = _say("<_so_many> (of a|a) [stop|stops|f stop|f stops|ev]") >> (lambda x: Amount("times", 2.0**x))
 """How light is counted in cameras: each doubles it."""
-_by_factor = keyword("by (a) factor (of)")
 _hedge = ~keyword(",") + ~literal(
     "(only|just) [about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly|almost|close to|just "
     "about|at least|at most|easily|a good|only|just|no more than]"
@@ -154,12 +152,9 @@ def _as_percents(x: float) -> Amount:
 
 percents = number >> _as_percents
 amount = either(
-    degree,
-    _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
-    ~keyword("by") + _hedge + stops,
-    ~keyword("by") + _hedge + percent >> (lambda x: Amount("fraction", x)),
-    ~keyword("by") + _hedge + fraction >> (lambda x: Amount("fraction", x)),
-    ~keyword("by") + _hedge + multiple >> (lambda x: Amount("times", x)),
+    _say("<degree>|(by) <_hedge> <stops>"),
+    _say("(by) <_hedge> [<percent>|<fraction>]") >> (lambda x: Amount("fraction", x)),
+    _say("by (a) factor (of) [<multiple>|<number>]|(by) <_hedge> <multiple>") >> (lambda x: Amount("times", x)),
 )
 
 
@@ -258,35 +253,27 @@ any_word = word_if(lambda reading, at: reading.word(at).isalpha())
 _by = ~keyword("(with) (an|a) [offset|distance|gap|spacing] of|at a distance of|offset by|by|for") + ~literal(
     "about|around|roughly|approximately|some|like|say|maybe|nearly|almost|exactly"
 )
+_one = table({"a|one": 1.0})
 distance = either(
     degree >> (lambda how: Distance(DEGREES[how.kind].widths)),
-    _by
-    + (number | keyword("a|one") >> (lambda: 1.0))
-    + any_word
-    + keyword("('s) [width|widths|height|heights|length|lengths]")
+    _say("<_by> [<number>|<_one>] <any_word> ('s) [width|widths|height|heights|length|lengths]") >> Distance,
+    _say(
+        f"<_by> [<number>|<multiple>|<percent>] (of|(of) [{ITS}]|a|of a|of its own|full|[times|time] [its|his|her|their] (own)) "
+        "<_body>"
+    )
     >> Distance,
-    _by
-    + (number | multiple | percent)
-    + ~keyword(f"of|(of) [{ITS}]|a|of a|of its own|full|[times|time] [its|his|her|their] (own)")
-    + _body
-    >> Distance,
-    _by + keyword("[a|its|its own|their|their own|the|his|her|one] (full|whole|entire)") + _body
-    >> (lambda *_: Distance(1.0)),
-    _by + (number | fraction) + ~keyword("a|of a") + keyword("unit|units|world units|world unit")
+    _say("<_by> [a|its|its own|their|their own|the|his|her|one] (full|whole|entire) <_body>")
+    >> (lambda: Distance(1.0)),
+    _say("<_by> [<number>|<fraction>] (a|of a) [unit|units|world units|world unit]")
     >> (lambda x: Distance(x, "world")),
-    keyword("by") + percent >> Distance,
-    keyword("by") + number >> (lambda x: Distance(x, "world")),
+    _say("by <percent>") >> Distance,
+    _say("by <number>") >> (lambda x: Distance(x, "world")),
 )
-_step = (
-    optional(distance)
-    + unless(literal("right [now|away|here|there|after|before|from|until]"))
-    + direction
-    + optional(distance | percent >> Distance)
-)
+_no_way = literal("right [now|away|here|there|after|before|from|until]")
+_step = _say("<distance?> !<_no_way> <direction> <_far?>", _far=distance | percent >> Distance)
 
 
 steps = either(
-    listed(_step, keyword("and|,|, and|and then|and also") | NOTHING),
-    beside >> (lambda way: ((None, way, None),)),
+    listed(_step, keyword("and|,|, and|and then|and also") | NOTHING), beside >> (lambda way: ((None, way, None),))
 )
 """`Steps` of "a bit to the left and up by 2 widths"."""

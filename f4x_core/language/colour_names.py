@@ -95,16 +95,7 @@ def name_of(colour: Colour) -> str | None:
     return min(names, key=lambda name: (len(name), name), default=None)
 
 
-_HUES = (
-    (15, "red"),
-    (45, "orange"),
-    (70, "yellow"),
-    (170, "green"),
-    (200, "turquoise"),
-    (260, "blue"),
-    (300, "purple"),
-    (345, "pink"),
-)
+_HUES = {15: "red", 45: "orange", 70: "yellow", 170: "green", 200: "turquoise", 260: "blue", 300: "purple", 345: "pink"}
 """Degrees of hue up to which a colour is called so."""
 BLACK_VALUE, WHITE_VALUE, GRAY_SATURATION, BROWN_VALUE = 0.2, 0.8, 0.15, 0.6
 """HSV numbers below or above which a colour is black, white, gray, and an orange is brown."""
@@ -117,5 +108,5 @@ def everyday_name(colour: Colour) -> str:
         return "black"
     if saturation < GRAY_SATURATION:
         return "white" if value > WHITE_VALUE else "gray"
-    name = next((name for end, name in _HUES if 360 * hue < end), "red")
+    name = next((name for end, name in _HUES.items() if 360 * hue < end), "red")
     return "brown" if name == "orange" and value < BROWN_VALUE else name

@@ -71,25 +71,8 @@ def words_of_label(label: str) -> tuple[str, ...]:
     return tuple(token.text for token in tokenise(label))
 
 
-_PLAIN = str.maketrans(
-    {
-        "’": "'",
-        "‘": "'",
-        "`": "'",
-        "“": '"',
-        "”": '"',
-        "–": "-",
-        "—": "-",
-        "−": "-",
-        "×": "x",
-        "\n": ";",
-        "→": "=",
-        "➜": "=",
-        "⇒": "=",
-    }
-)
-
-
+_PLAIN = str.maketrans("’‘`“”–—−×→➜⇒\n", "'''\"\"---x===;")
+"""Typographic signs -> plain ones; a line break ends a sentence."""
 _MOST_AHEAD = 40
 """Words behind the last one that rules may look at."""
 
@@ -99,38 +82,29 @@ class Reading:
     """A sentence that is being matched."""
 
     sentence: str
-    tokens: list[Token]
     known: Mapping[tuple[str, ...], str] = field(default_factory=dict)
     """Words of a label or name -> as it is spelled."""
-    longest: int = 1
-    """Words of the longest of them."""
+    tokens: list[Token] = field(default_factory=list)
+    """Those that are matched; none: all of the sentence."""
     memo: dict[int, Ways] = field(default_factory=dict)
     """Number of a rule plus a word -> the ways to match it there."""
     places: dict[int, dict[int, list[tuple[int, Any]]]] = field(default_factory=dict)
     """Number of a rule that is a slot -> where it matches."""
-    possible: dict[int, bool] = field(default_factory=dict)
-    """Number of a rule -> whether the sentence has the words that it needs."""
-    asked: dict[int, list[tuple[frozenset[str] | None, Rule]]] = field(default_factory=dict)
-    """Number of a rule that is one of several -> those of them that may match at some word, behind their openings."""
     barred: frozenset[int] = frozenset()
     """Ids of the commands that are not asked, because what they made of the sentence cannot be."""
+    longest: int = field(init=False)
+    """Words of the longest label or name."""
     words: list[str] = field(init=False)
     """Texts of the tokens, and nothing behind them."""
     openers: list[str] = field(init=False)
     """The same as `opener` has them."""
-    opens: frozenset[str] = field(init=False)
-    """The same, each once."""
 
     def __post_init__(self) -> None:
         """List the words."""
+        self.tokens = self.tokens or tokenise(self.sentence)
+        self.longest = max(map(len, self.known), default=1)
         self.words = [token.text for token in self.tokens] + [""] * (_MOST_AHEAD + 1)
         self.openers = list(map(opener, self.words))
-        self.opens = frozenset(self.openers)
-
-    @classmethod
-    def of(cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str]) -> Reading:
-        """A reading of `tokens`."""
-        return cls(sentence, tokens, known, max(map(len, known), default=1))
 
     def word(self, at: int) -> str:
         """Text of a token; nothing behind the last."""
@@ -152,13 +126,6 @@ _NUMBERS = count(step=1 << 20)
 """Numbers of rules, farther apart than a sentence has words."""
 
 
-class Step(NamedTuple):
-    """A part of a sequence."""
-
-    rule: Rule
-    may_be_absent: bool = False
-
-
 class Rule:
     """Something that can be matched at a word."""
 
@@ -167,14 +134,9 @@ class Rule:
         match: Callable[[Reading, int], Ways],
         first_words: Callable[[], frozenset[str] | None] = lambda: None,
         may_be_empty: bool = False,
-        steps: tuple[Step, ...] = (),
-        of: Rule | None = None,
     ):
-        """`first_words`: makes `first`, when that is first needed; `steps`: those of a sequence; `of`: the rule whose matches have
-        another value here."""
+        """`first_words`: makes `first`, when that is first needed."""
         self.match, self._first_words, self.may_be_empty, self.number = match, first_words, may_be_empty, next(_NUMBERS)
-        self.steps = steps or (Step(self),)
-        self.of = of
 
     @cached_property
     def first(self) -> frozenset[str] | None:
@@ -186,30 +148,11 @@ class Rule:
         """The words at which it can match at all; None where that may be at any."""
         return None if self.may_be_empty else self.first
 
-    @cached_property
-    def needed(self) -> tuple[frozenset[str], ...]:
-        """Words, as `opener` has them, of each set of which a sentence has one where this matches; small sets first."""
-        sets = set() if self.opening is None else {self.opening}
-        parts = [step.rule for step in self.steps if not step.may_be_absent and step.rule is not self]
-        sets.update(*(rule.needed for rule in (*parts, *([self.of] if self.of else ()))))
-        return tuple(sorted(sets, key=len))
-
-    def can_match(self, reading: Reading) -> bool:
-        """True where a sentence has the words without which this matches nowhere in it."""
-        known = reading.possible.get(self.number)
-        if known is None:
-            known = reading.possible[self.number] = not any(map(reading.opens.isdisjoint, self.needed))
-        return known
-
     def at(self, reading: Reading, at: int) -> Ways:
         """The ways to match at word `at`, best first."""
         opening = self.opening
         if opening is not None and reading.openers[at] not in opening:  # most, at most words
             return {}
-        return self.behind_opening(reading, at)
-
-    def behind_opening(self, reading: Reading, at: int) -> Ways:
-        """As `at`, at a word that it may begin with."""
         memo, key = reading.memo, self.number + at
         ways = memo.get(key)
         if ways is None:
@@ -219,25 +162,17 @@ class Rule:
 
     def __add__(self, other: Rule) -> Rule:
         """Both, one after the other."""
-        steps = (*self.steps, *(other.steps if len(other.steps) == 1 else (Step(other),)))
 
         def match(reading: Reading, at: int) -> Ways:
-            ways: Ways = {at: ()}
-            for rule, may_be_absent in steps:
-                longer: Ways = {}
-                opening = rule.opening
-                for middle, values in ways.items():
-                    if opening is None or reading.openers[middle] in opening:
-                        for end, more in rule.behind_opening(reading, middle).items():
-                            if end not in longer:
-                                longer[end] = values + more
-                    if may_be_absent and middle not in longer:
-                        longer[middle] = values
-                ways = longer
+            ways: Ways = {}
+            for middle, values in self.at(reading, at).items():
+                for end, more in other.at(reading, middle).items():
+                    if end not in ways:
+                        ways[end] = values + more
             return ways
 
         first = [self, other] if self.may_be_empty else [self]
-        return Rule(match, lambda: _any_of(first), self.may_be_empty and other.may_be_empty, steps)
+        return Rule(match, lambda: _any_of(first), self.may_be_empty and other.may_be_empty)
 
     def __or__(self, other: Rule) -> Rule:
         """Either; this one is preferred."""
@@ -250,7 +185,7 @@ class Rule:
             ways = self.at(reading, at)
             return ways if at in ways else {**ways, at: ()}
 
-        return Rule(match, lambda: self.first, True, (Step(self, may_be_absent=True),))
+        return Rule(match, lambda: self.first, True)
 
     def __rshift__(self, function: Callable[..., Any]) -> Rule:
         """One value made of the values; where the function raises `Mismatch`, no match."""
@@ -264,7 +199,7 @@ class Rule:
                     continue
             return ways
 
-        return Rule(match, lambda: self.first, self.may_be_empty, of=self)
+        return Rule(match, lambda: self.first, self.may_be_empty)
 
 
 def read_as_meant(read: Callable[[str], Meaning], sentence: str, agreed: bool) -> tuple[Meaning, tuple[str, ...]]:
@@ -314,7 +249,7 @@ class _Table:
         return _by_first_word(
             (_phrase(one), () if value is None else (value,))
             for spec, value in self.entries.items()
-            for one in alternatives(spec)
+            for one in split(spec)
         )
 
     def first_words(self) -> frozenset[str]:
@@ -350,8 +285,8 @@ def word_if(condition: Callable[[Reading, int], Any]) -> Rule:
     return Rule(lambda reading, at: {at + 1: ()} if condition(reading, at) else {})
 
 
-def split(spec: str, at: str) -> list[str]:
-    """Parts between the signs `at` that stand in no bracket."""
+def split(spec: str, at: str = "|") -> list[str]:
+    """Parts between the signs `at` that stand in no bracket; with `|` they are alternatives."""
     if "(" not in spec and "[" not in spec:
         return spec.split(at)
     parts, depth = [""], 0
@@ -362,11 +297,6 @@ def split(spec: str, at: str) -> list[str]:
         else:
             parts[-1] += piece
     return parts
-
-
-def alternatives(spec: str) -> list[str]:
-    """Parts between the `|` that stand in no bracket."""
-    return split(spec, "|")
 
 
 _WORD = re.compile(r"[^][()|\s]+")
@@ -392,7 +322,7 @@ def _phrase(spec: str) -> Phrase:
 @cache
 def _bracket(spec: str) -> Bracket:
     """The bracket that is written "[some|words]" or "(some|words)"."""
-    return Bracket(_by_first_word((_phrase(one), ()) for one in alternatives(spec[1:-1])), spec[0] == "(")
+    return Bracket(_by_first_word((_phrase(one), ()) for one in split(spec[1:-1])), spec[0] == "(")
 
 
 def _by_first_word(rows: Iterable[tuple[Phrase, Any]]) -> dict[str, list[tuple[Phrase, Any]]]:
@@ -447,20 +377,14 @@ def either(*rules: Rule) -> Rule:
     """Any of the rules, earlier ones preferred."""
 
     def match(reading: Reading, at: int) -> Ways:
-        asked = reading.asked.get(one_of_them.number)
-        if asked is None:  # most rules begin with words that the sentence does not have
-            asked = [(rule.opening, rule) for rule in rules if rule.can_match(reading)]
-            reading.asked[one_of_them.number] = asked
-        word, ways = reading.openers[at], {}
-        for opening, rule in asked:
-            if opening is None or word in opening:
-                for end, values in rule.behind_opening(reading, at).items():
-                    if end not in ways:
-                        ways[end] = values
+        ways: Ways = {}
+        for rule in rules:
+            for end, values in rule.at(reading, at).items():
+                if end not in ways:
+                    ways[end] = values
         return ways
 
-    one_of_them = Rule(match, lambda: _any_of(rules), any(rule.may_be_empty for rule in rules))
-    return one_of_them
+    return Rule(match, lambda: _any_of(rules), any(rule.may_be_empty for rule in rules))
 
 
 def _any_of(rules: Sequence[Rule]) -> frozenset[str] | None:
@@ -522,8 +446,6 @@ def _places_of(rule: Rule, reading: Reading) -> Matches:
     found = reading.places.get(rule.number)
     if found is None:
         found = reading.places[rule.number] = {}
-        if not rule.can_match(reading):
-            return found
         for at in range(len(reading.tokens)):
             ways = [(end, values[0] if values else None) for end, values in rule.at(reading, at).items() if end > at]
             if ways:

@@ -67,36 +67,28 @@ def written(sentence: str) -> str:
     return sentence
 
 
-_SHORT = {"'s": "is", "'re": "are", "'ll": "will", "'d": "would", "'ve": "have"}
-CONTRACTIONS: dict[str, tuple[str, ...]] = {
-    word + short: (word, full)
-    for short, words in {
-        "'s": "whatever everything nothing it that what where who there here when how why he she",
-        "'re": "they you we what where who how there these those",
-        "'ll": "it that i we you he she they there",
-        "'d": "it that there i we you he she they",
-        "'ve": "i we you they",
-    }.items()
-    for word, full in zip(words.split(), [_SHORT[short]] * len(words.split()), strict=True)
-}
-_RUN_TOGETHER = word_set(
-    "he's she's that's what's where's who's there's here's when's how's he's they're you're what're that'll it'll you'll "
-    "they'll that'd it'd you'd they'd i've we've you've they've i'm let's"
+_CONTRACTED = _table(
+    "that's that is, what's what is, where's where is, who's who is, there's there is, here's here is, when's when "
+    "is, how's how is, he's he is, she's she is, they're they are, you're you are, what're what are, it'll it will, "
+    "that'll that will, you'll you will, they'll they will, it'd it would, that'd that would, you'd you would, they'd "
+    "they would, i've i have, we've we have, you've you have, they've they have, let's let us, i'm i am, can't can "
+    "not, won't will not, weren't were not, shouldn't should not, hadn't had not, isn't is not, doesn't does not, "
+    "couldn't could not, mustn't must not, haven't have not, didn't did not, don't do not, aren't are not, wouldn't "
+    "would not, wasn't was not, hasn't has not, outta out of, kinda kind of, sorta sort of, lotta lot of, alot a lot, "
+    "abit a bit, lemme let me, gimme give me, bnw black and white, bw black and white, semitransparent semi "
+    "transparent, tryna trying to, dunno do not know"
 )
-"""Those whose apostrophe may be left out: "its", "were", "well", "shell" and "id" are other words."""
-CONTRACTIONS |= {"let's": ("let", "us"), "i'm": ("i", "am"), "can't": ("can", "not"), "won't": ("will", "not")}
-CONTRACTIONS |= {
-    word + "n't": (word, "not") for word in word_set("do does did is are was were has have had should would could must")
-}
-CONTRACTIONS |= {
-    word.replace("'", ""): parts for word, parts in CONTRACTIONS.items() if word.endswith("'t") or word in _RUN_TOGETHER
-}
-CONTRACTIONS |= {
-    short: tuple(long.split())
-    for short, long in _table(
-        "outta out of, kinda kind of, sorta sort of, lotta lot of, alot a lot, abit a bit, lemme let me, gimme give me, bnw black "
-        "and white, bw black and white, semitransparent semi transparent, tryna trying to, shan't shall not, dunno do not know"
-    ).items()
+_WITH_APOSTROPHE = _table(
+    "whatever's whatever is, everything's everything is, nothing's nothing is, it's it is, why's why is, we're we "
+    "are, where're where are, who're who are, how're how are, there're there are, these're these are, those're those "
+    "are, i'll i will, we'll we will, he'll he will, she'll she will, there'll there will, there'd there would, i'd i "
+    "would, we'd we would, he'd he would, she'd she would, shan't shall not"
+)
+"""Those that are other words without it: its, were, well, shell, id."""
+CONTRACTIONS: dict[str, tuple[str, ...]] = {
+    form: tuple(long.split())
+    for short, long in (_CONTRACTED | _WITH_APOSTROPHE).items()
+    for form in (short, short.replace("'", "") if short in _CONTRACTED else short)
 }
 """Words that stand for several, their apostrophe written or left out; any other `'s` is possessive."""
 

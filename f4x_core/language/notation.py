@@ -8,7 +8,7 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-from .grammar import NAMES_TOO, Rule, alternatives, either, optional, silent, split, table, unless
+from .grammar import NAMES_TOO, Rule, either, optional, silent, split, table, unless
 from .lexicon import every_form
 from .verbs import any_form, asked_form
 
@@ -33,11 +33,20 @@ class Notation:
         """The rule of a phrase, which has the values of the rules that it names, `rules` before those of the module."""
         if isinstance(spec, Rule):
             return spec
-        ways = alternatives(re.sub(r"\{([=!]?)([^}]*)\}", _verbs, spec))
+        ways = split(re.sub(r"\{([=!]?)([^}]*)\}", _verbs, spec))
         plain = [one for one in ways if not _MORE_THAN_WORDS.search(one)]
         made = [self._words("|".join(plain))] if plain else []
         made += [self._sequence(one, rules) for one in ways if one not in plain]
         return made[0] if len(made) == 1 else either(*made)
+
+    def table(self, meanings: Mapping[str, Any], **rules: Rule) -> Rule:
+        """The rule of phrases, earlier ones preferred, each with its value or with a function of the values that it names."""
+        return either(
+            *(
+                self(spec, **rules) >> (meaning if callable(meaning) else lambda meaning=meaning: meaning)
+                for spec, meaning in meanings.items()
+            )
+        )
 
     def _words(self, spec: str) -> Rule:
         return table({spec: None}, vocabulary=self.vocabulary)

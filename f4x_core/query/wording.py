@@ -8,6 +8,7 @@ gives an answer to another question.
 from __future__ import annotations
 
 import re
+from collections import ChainMap
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -23,7 +24,7 @@ from ..language.grammar import (
     here,
     matches_of,
     table,
-    tokenise,
+    word_if,
     words_of_label,
 )
 from ..language.idle import BINDING, EMPTY, PREPOSITIONS
@@ -41,6 +42,7 @@ from ..language.lexicon import (
     word_set,
     written,
 )
+from ..language.notation import Notation
 from ..language.refusal import Doubt, Slip
 from ..language.times import END, START, Clip, Span, no_such_time, span
 from ..language.verbs import IMPERATIVES
@@ -218,13 +220,17 @@ def _names_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[str, ...]]
 
 _name = generated(_name_at)
 _of_the = cue("of (the|my|this|that|his|her|its)")
-_being, _in_or_on = cue("is|are|was|were"), cue("on|onto|in|inside|under|underneath")
+_doing = cue("is|are|was|were") + word_if(
+    lambda reading, at: reading.word(at).endswith("ing") and reading.word(at) not in WORDS
+)
+"""What somebody does that no cue knows: "are watching"."""
 _listing = cue("and|or|,|, and|, or|versus|vs|and of")
 _names = generated(_names_at)
-_us = CUES["camera"]
-_whom = either(_us >> (lambda: ()), _names)
-_end = either(_us >> (lambda: ()), _name >> (lambda name: (name,)))
-_possessed = _names + ~cue("'s|'")
+_spot = cue("on|onto|in|inside|under|underneath") + _name
+"""Where somebody is that nobody can compute: "on the bed"."""
+_say = Notation(ChainMap(globals(), CUES), WORDS)
+_whom = _say.table({"<camera>": (), "<_names>": lambda names: names})
+_end = _say.table({"<camera>": (), "<_name>": lambda name: (name,)})
 
 
 def _span_at(reading: Reading, at: int) -> Iterator[tuple[int, Span]]:
@@ -258,71 +264,55 @@ def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
                 yield end, None
 
 
-def _doing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """What somebody does that no cue knows: "are watching"."""
-    for begin in _being.at(reading, at):
-        if reading.word(begin).endswith("ing") and reading.word(begin) not in WORDS:
-            yield begin + 1, reading.word(begin)
-
-
-def _spot_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """Where somebody is that nobody can compute: "on the bed"."""
-    for begin in _in_or_on.at(reading, at):
-        yield from ((end, reading.text_of(at, end)) for end in _name.at(reading, begin))
-
-
 _INTERROGATIVES = word_set("when where how what which who if whether tell")
 """Words with which a remark would be part of the question."""
+_nearer = here(lambda reading, at: reading.word(at - 1) in ("nearer", "closer", "nearest", "closest"))
+_asks_what = here(lambda reading, at: reading.word(0) in ("what", "who", "which"))
+_side_of = table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, vocabulary=WORDS)
+_on_side = CUES["on-side"] >> (lambda: "left of")
 _slots: dict[str, Rule] = {
     **CUES,
     "time": either(
-        cue("(in|at|on|during) the (very) last frame|when [it|the clip|the video] [ends|is over]")
-        >> (lambda: Span(END, END, "moment")),
-        cue("when [it|the clip|the video|the shot|the scene] [begins|starts|opens]")
-        >> (lambda: Span(START, START, "moment")),
+        _say.table(
+            {
+                "(in|at|on|during) the (very) last frame|when [it|the clip|the video] [ends|is over]": Span(
+                    END, END, "moment"
+                ),
+                "when [it|the clip|the video|the shot|the scene] [begins|starts|opens]": Span(START, START, "moment"),
+            }
+        ),
         generated(_span_at),
     ),
-    "owner": cue("has|have|does|do|did") + _names + cue("got|have|had") >> (lambda names: names),
+    "owner": _say("[has|have|does|do|did] <_names> [got|have|had]"),
     "what-is": cue("what is|what are|which is|which are|what was|what were"),
-    "thing": ~cue("of|for|by|about") + _possessed,
-    "who": either(
-        CUES["what"] >> (lambda: ()), cue("which|what|which of|which one of|what kind of|which of all") + _names
+    "thing": _say("(of|for|by|about) <_names> ('s|')"),
+    "who": _say.table(
+        {"<what>": (), "[which|what|which of|which one of|what kind of|which of all] <_names>": lambda of: of}
     ),
-    "other": cue("to|from|of|than|and|-|with|toward|compared to|or") + _whom,
-    "than": cue("than|as") + _names,
-    "versus": cue("vs|versus|against|or") + _names,
-    "doing": generated(_doing_at),
-    "spot": generated(_spot_at),
-    "us": either(
-        cue("to|from|of|for|toward"),
-        here(lambda reading, at: reading.word(at - 1) in ("nearer", "closer", "nearest", "closest")),
-    )
-    + _us,
-    "pair": either(
-        cue("between|in between|from") + _end + cue("and|to") + _end >> (lambda one, two: one + two),
-        cue("between|in between") + _names,
+    "other": _say("[to|from|of|than|and|-|with|toward|compared to|or] <_whom>"),
+    "than": _say("[than|as] <_names>"),
+    "versus": _say("[vs|versus|against|or] <_names>"),
+    "doing": generated(lambda reading, at: ((end, reading.word(end - 1)) for end in _doing.at(reading, at))),
+    "spot": generated(lambda reading, at: ((end, reading.text_of(at, end)) for end in _spot.at(reading, at))),
+    "us": _say("[to|from|of|for|toward|<_nearer>] <camera>"),
+    "pair": _say.table(
+        {
+            "[between|in between|from] <_end> [and|to] <_end>": lambda one, two: one + two,
+            "[between|in between] <_names>": lambda names: names,
+        }
     ),
-    "but": CUES["but"] + _names,
+    "but": _say("<but> <_names>"),
     "place-of": either(
         _beside("place"),
-        here(lambda reading, at: reading.word(0) in ("what", "who", "which"))
-        + cue("on|upon")
-        + _before_article
-        + _names
-        >> (lambda names: ("near", names)),
-        cue("on|to|at")
-        + _names
-        + table({f"'s {side} (hand) (side)": f"{side} of" for side in ("left", "right")}, vocabulary=WORDS)
-        >> (lambda names, relation: (relation, names)),
+        _say("<_asks_what> [on|upon] <_before_article> <_names>") >> (lambda names: ("near", names)),
+        _say("[on|to|at] <_names> <_side_of>") >> (lambda names, relation: (relation, names)),
     ),
-    "place-or": either(CUES["on-side"] >> (lambda: "left of"), CUES["place"]) + cue("or") + CUES["place"] + _names
-    >> (lambda one, two, names: (one, names)),
+    "place-or": _say("[<_on_side>|<place>] or <place> <_names>") >> (lambda one, two, names: (one, names)),
     "around-of": _beside("around", "to|of"),
-    "near-to": cue("nearest|closest|nearer|closer") + _before_article + _whom >> (lambda names: ("nearest", names)),
+    "near-to": _say("[nearest|closest|nearer|closer] <_before_article> <_whom>") >> (lambda names: ("nearest", names)),
     "passes-by": _beside("passes"),
     "closing-to": either(
-        _beside("closing", "to|from"),
-        CUES["closing"] + ~cue("each other|one another|together") >> (lambda how: (how, ())),
+        _beside("closing", "to|from"), _say("<closing> (each other|one another|together)") >> (lambda how: (how, ()))
     ),
     "compared-to": _beside("compared"),
 }
@@ -344,15 +334,15 @@ class _Row:
 
 def _rows() -> Iterator[_Row]:
     for line in ROWS.replace("\n    ", " ").strip().splitlines():
-        (*polar, kind), _, ways = (line.partition(":")[0].split(), *line.partition(":")[1:])
-        options = dict(word.split("=") for word in (*polar, kind) if "=" in word)
-        kind = next(word for word in (*polar, kind) if "=" not in word and word != "polar")
+        head, _, ways = line.partition(":")
+        kind, *more = head.removeprefix("polar ").split()
+        options = dict(word.split("=") for word in more)
         for way in ways.split("|"):
             words = way.split()
             slots = [word.rstrip("?") for word in words]
             slots += ["time"] * (kind not in CLIP_FACTS) + ["what-is"] * (not _NOUN_CUES.isdisjoint(words))
             needed = frozenset(word for word in words if not word.endswith("?"))
-            yield _Row(kind, "polar" in polar, options, tuple(slots), needed)
+            yield _Row(kind, head.startswith("polar "), options, tuple(slots), needed)
 
 
 _NOUN_CUES = word_set(
@@ -435,7 +425,7 @@ def _topic(text: str) -> tuple[tuple[str, ...], str]:
     match = _TOPIC.fullmatch(text) or _TOPIC_BEHIND.fullmatch(text)
     if match is None or _IT.isdisjoint(match["question"].split()):
         return (), text
-    reading = Reading.of(match["topic"], tokenise(match["topic"]), {})
+    reading = Reading(match["topic"])
     behind_article = [at for at in range(len(reading.tokens)) if at == 0 or _ARTICLE.at(reading, at)]
     named = [names for at in behind_article for (names,) in _names.at(reading, at).values() if names]
     return (named[0], match["question"]) if named else ((), text)
@@ -467,8 +457,7 @@ def _mended(word: str) -> str:
 def _understood(text: str, clip: _Shown, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:
     """The likeliest question, of those that cost less than `below`."""
     text = re.sub(r"^((?:and |but |so )?(?:is|are|was|were|do|does|did|has|have|can|could))n't\b", r"\1", text)
-    tokens = tokenise(text)  # "Isn't it moving?" wants the same yes as "Is it moving?"
-    reading = Reading.of(text, tokens, clip.known)
+    reading = Reading(text, clip.known)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     cost, asked = next(_readings(reading, clip, it), (below, None))
     verb = asked and any(
         re.search(rf"\b(?:do|does|did) (?:\w+ )?{re.escape(thing)}$", text) for thing in asked.things if " " in thing

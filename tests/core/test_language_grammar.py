@@ -58,7 +58,7 @@ def test_a_rule_knows_the_words_it_begins_with(rule, words, may_be_empty):
 )
 def test_where_a_rule_cannot_begin_it_has_no_match(rule, sentence):
     for at in range(len(sentence.split()) + 1):
-        asked, matched = (Reading.of(sentence, tokenise(sentence), {}) for _ in range(2))
+        asked, matched = (Reading(sentence) for _ in range(2))
         assert rule.at(asked, at) == rule.match(matched, at)
 
 
@@ -95,5 +95,5 @@ SAY = notation.Notation({"colour": COLOUR})
     ],
 )
 def test_phrases_are_read_as_they_are_written(phrase, sentence, values):
-    ways = SAY(phrase).at(Reading.of(sentence, tokenise(sentence), {}), 0)
+    ways = SAY(phrase).at(Reading(sentence), 0)
     assert ways.get(len(tokenise(sentence))) == values

@@ -2,13 +2,13 @@
 
 import pytest
 
-from f4x_core.language.grammar import Reading, tokenise
+from f4x_core.language.grammar import Reading
 from f4x_core.query import cues
 
 
 def ends(rule, sentence):
     """Word at which each match from the first word on ends, and the values it gives."""
-    return dict(rule.at(Reading.of(sentence, tokenise(sentence), {}), 0))
+    return dict(rule.at(Reading(sentence), 0))
 
 
 TABLE = """

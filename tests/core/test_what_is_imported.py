@@ -15,7 +15,7 @@ from labelled_scene import labelled_scene
 from f4x_core.edit.operations import Delete
 from f4x_core.edit.selects import All
 from f4x_core.edit.stack import EditStack, undo, write_stack
-from f4x_core.language.grammar import Reading, alternatives, split, table, tokenise
+from f4x_core.language.grammar import Reading, split, table
 from f4x_core.scene import write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -149,7 +149,7 @@ def test_the_first_sentence_said_in_blender_is_cheap(scene, child):
 
 def expanded(spec):
     """Every sequence of words that a pattern stands for, in the order in which they are preferred."""
-    for alternative in alternatives(spec):
+    for alternative in split(spec):
         choices = [
             [*expanded(part[1:-1])] + [()] * (part[0] == "(") if part[0] in "([" else [(part,)]
             for part in split(alternative, " ")
@@ -177,7 +177,7 @@ def test_a_pattern_matches_what_its_expansion_would():
         rows = [(words, value) for spec, value in entries.items() for words in expanded(spec)]
         assert rule.first == {words[0] for words, _ in rows}
         sentence = " ".join(rng.choices("abc", k=8))
-        reading = Reading.of(sentence, tokenise(sentence), {})
+        reading = Reading(sentence)
         words = [token.text for token in reading.tokens]
         for at in range(len(words)):
             wanted = {}
@@ -189,4 +189,4 @@ def test_a_pattern_matches_what_its_expansion_would():
 
 def test_a_pattern_that_stands_for_more_sequences_than_memory_holds_is_matched_at_once():
     spec, words = " ".join(["[a|b|(a) b (a)]"] * 40), "a b " * 20
-    assert 40 in table({spec: None}, vocabulary=set()).at(Reading.of(words, tokenise(words), {}), 0)
+    assert 40 in table({spec: None}, vocabulary=set()).at(Reading(words), 0)

@@ -81,11 +81,7 @@ class Style(Dye):
             reserve=False,
         )
         adjective = say.table(ADJECTIVES, reserve=False)
-        rules = {
-            "name": name,
-            "adjective": adjective,
-            "look": name | adjective,
-        }
+        rules = {"name": name, "adjective": adjective, "look": name | adjective}
         rules["strongly"] = say.optional(say.at_most_all, 1.0)
         made = "([it is|they are|it was|it were|they were] ([made|carved|built|cast|cut|formed]) (out) ([of|from|in])|"
         made += "[made|carved|cast] (out) [of|from]|(shot|filmed|taken|recorded|set) [at|in|during] (the))"
