@@ -160,11 +160,8 @@ class Search:
             for end, found in self._clauses(start, before).items():
                 clause = found.clauses[0]._replace(front=front)
                 twice = "when" in clause.slots and (front.kind, clause.slots["when"].kind) != ("moment", "length")
-                yield (
-                    start,
-                    end,
-                    found._replace(cost=found.cost + (_ONE_MORE if twice else -_IN_FRONT), clauses=(clause,)),
-                )
+                cost = found.cost + (_ONE_MORE if twice else -_IN_FRONT)
+                yield start, end, Found(cost, (clause,), found.idle)
 
     def _is_gapped(self, start: int) -> bool:
         """Return True if a clause begins with no verb."""

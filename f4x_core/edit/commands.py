@@ -183,19 +183,15 @@ def _changed(
     how: Amount | None = None,
     to: float | None = None,
     times: float | None = None,
-    particle: bool | None = None,
     level: float | None = None,
 ) -> Value:
     changed, of_it = quality[0].changed, quality[1]
     if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
         if (how, to, times) != (None, None, None):
             raise Mismatch
-        if level > 1 and (way, particle) != (None, None):  # 150 % more is rarely meant
+        if level > 1 and way is not None:  # 150 % more is rarely meant
             raise Mismatch
-        to, how = (level, None) if way is None and particle is None else (None, Amount("fraction", level))
-        way = particle if way is None else way
-    if particle is not None and particle is not way:
-        raise Mismatch
+        to, how = (level, None) if way is None else (None, Amount("fraction", level))
     if times is None and how is not None and how.kind == "times" and way is to is None:
         times = how.value  # "twice the size"
     if times is not None:
@@ -232,7 +228,6 @@ _by_how_much: dict[str, Any] = {
     | here(lambda reading, at: reading.word(at - 1) != "to") + phrase("<number> ![x|times|stop|stops]") >> _percents,
     "how": amount | phrase("by <number>") >> _by_number | literal("way") >> (lambda: Amount("large")),
     "to": _to_value,
-    "particle": {"up": True, "down": False},
     "times": _times_as_much,
 }
 """Amounts more or less of a quality, or values that it reaches."""

@@ -674,24 +674,18 @@ _side, _share = table(_SIDE_OF, reserve=False), table(SHARES, reserve=False)
 _end_of = table({"top": "top", "bottom": "bottom"})
 _placed = either(
     _part_of + keyword("of") + _whole >> _placed_part,
-    _say("[<familiar>|(<_article>) <_noun>] ['s|'] <_part_of>") >> (lambda whole, *part: _placed_part(*part, whole)),
+    _say("[<familiar>|(<_article>) <_noun>] ['s|'] <_part_of>")
+    >> (lambda whole, side, share: _placed_part(side, share, whole)),
     _say("(the|its) <_end_of> of <_whole>") >> (lambda side, whole: _placed_part(side, 0.5, whole)),
-    _say("[its|his|her|their|the] <_side> <_share>") >> (lambda *part: _placed_part(*part, _pronoun("'its'"))),
+    _say("[its|his|her|their|the] <_side> <_share>")
+    >> (lambda side, share: _placed_part(side, share, _pronoun("'its'"))),
 )
-_it = (
-    either(
-        table({"him|he": "'him'", "her|she": "'her'"}),
-        table({"it|this|that|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all": "'it'"}),
-    )
-    >> _pronoun
-)
+_it_words = "it|this|that|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all"
+_it = table({"him|he": "'him'", "her|she": "'her'", _it_words: "'it'"}) >> _pronoun
 _they = keyword(
     "them|these|those|they|themselves|[these|those|the] [things|ones|objects]|all of [them|these|those]|them [all|both]|"
     "both (of them|of these|of those)"
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
-_copy = keyword(
-    "[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the [new|second|extra|added] one"
-) >> (lambda: _the_copy())
 
 
 @who_of
@@ -705,6 +699,8 @@ def _the_copy(context: SentenceContext) -> SelectKind:
     return next(iter(context.earlier))
 
 
+_COPIES = "[copy|copies|clone|clones|duplicate|duplicates|replica]"
+_copy = keyword(f"[the|its|their|his|her] (new) {_COPIES} (of it)|the [new|second|extra|added] one") >> _the_copy
 _current = _say(
     "(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected|(the|my|our|"
     "this|these|those|all) (the) (currently) selected <_objects>"

@@ -70,11 +70,11 @@ HALF = 0.5
 """How far a shade goes to white or black."""
 
 
-def _toward(target: float) -> dict[str, float]:
-    return dict.fromkeys(("light", "pale", "soft", "pastel"), target)
-
-
-SHADES = {**_toward(1.0), **dict.fromkeys(("dark", "deep"), 0.0), **dict.fromkeys(("bright", "vivid", "neon"), -1.0)}
+SHADES = {
+    shade: target
+    for shades, target in (("light pale soft pastel", 1.0), ("dark deep", 0.0), ("bright vivid neon", -1.0))
+    for shade in shades.split()
+}
 """Words before a colour: mixed half and half with white or black; -1: as bright as the hue can be."""
 
 

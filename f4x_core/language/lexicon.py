@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from functools import cache
 
 
@@ -303,12 +303,6 @@ def forms(verb: str) -> tuple[str, str]:
     return verb + "ing", verb + "ed"
 
 
-def inflected(verbs: str, which: int) -> Iterator[str]:
-    """Return the verbs of "get rid of|remove" unchanged (0), with "-ing" too (1), or as participles (2)."""
-    wanted = (slice(1), slice(2), slice(2, 3))[which]
-    return (form for phrase in verbs.split("|") for form in _conjugated(phrase)[wanted])
-
-
 @cache  # many commands share their verbs
 def _conjugated(phrase: str) -> tuple[str, str, str, str]:
     """(a verb with what follows it, the same with "-ing", as participle, as stated)."""
@@ -327,10 +321,10 @@ def _stated(verb: str) -> str:
     return " ".join([form, *(["not"] if head == "not" else []), *rest])
 
 
-def every_form(verbs: str) -> str:
-    """The verbs of "get rid of|remove" in each of their forms, as alternatives with `|`."""
-    forms_of = (*inflected(verbs, 1), *inflected(verbs, 2), *(_conjugated(phrase)[3] for phrase in verbs.split("|")))
-    return "|".join(dict.fromkeys(forms_of))
+def every_form(verbs: str, stated: bool = True) -> str:
+    """The verbs of "get rid of|remove" in each of their forms, as alternatives with `|`; not `stated`: without "removes"."""
+    forms_of = (_conjugated(phrase)[: 3 + stated] for phrase in verbs.split("|"))
+    return "|".join(dict.fromkeys(form for phrase in forms_of for form in phrase))
 
 
 NO_THINGS = word_set(

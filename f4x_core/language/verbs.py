@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .grammar import VOCABULARY
-from .lexicon import every_form, forms, inflected, word_set
+from .lexicon import every_form, forms, word_set
 
 VERBS: dict[str, str] = {
     "become": "blush|flush|bleed|ripen|melt|mark|flag|accent|inject|breathe|snap|retint|lerp|interpolate|tween|ramp|"
@@ -117,7 +117,7 @@ def any_form(*senses: str) -> str:
 
 def asked_form(*senses: str) -> str:
     """As `any_form`, without that of what somebody does himself: "the dog takes off" wants nothing."""
-    return "|".join((*(form for which in (1, 2) for form in inflected(_verbs(senses), which)), *_nouns(senses)))
+    return "|".join((every_form(_verbs(senses), stated=False), *_nouns(senses)))
 
 
 def _nouns(senses: Sequence[str]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..language.courtesies import CALLS
-from ..language.grammar import Rule, either, table
+from ..language.grammar import Rule, either, listed, table
 from ..language.lexicon import every_form, word_set
 from ..language.notation import Notation
 
@@ -232,7 +232,6 @@ fastest: [at|with|have|has|reach|reaches|attain|attains|hit|hits|get to|gets to]
     [speed|velocity]|(at) full [speed|gallop|sprint|throttle|tilt|pelt|pace|steam|blast]|(really|properly) [flying|going for
     it|flat out]|flat out|[speed|velocity] <.at-its> [maximum|highest|peak|greatest]|(<.at-its>) (<.its>) [fastest|quickest|top
     speed|highest speed|maximum speed|peak speed|speediest]
-slowest: (at) (<.its>) [slowest|lowest speed|least speed|minimum speed]
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
     [motion|movement] (in it)|the largest [motion|movement|way]
 more: more|farther|further|the most
@@ -254,9 +253,6 @@ bigger = bigger: (much|the|a lot) <.big-er> (one|in size)|[{=take up/cover/fill/
 bigger = smaller: (much|the|a lot) <.small-er> (one|in size)
 bigger = taller: (much|the|a lot) [more high|taller|higher] (one)
 bigger = lower: (much|the|a lot) [shorter|lower] (one)
-as-big = taller: as [tall|high]
-as-big = bigger: as [big|large|wide|long]|the same size
-as-big = smaller: as small
 faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)|(at|with) (a)
     [higher|greater|more] speed
 faster = slower: (much|the|a lot) [slower|more slowly] (one)
@@ -316,11 +312,7 @@ def _read(text: str) -> dict[str, Rule]:
     named = {
         "courtesy": CALLS,
         "manner": table(verbs, vocabulary=WORDS),
-        "color": either(
-            colour + cue(",") + colour + cue("or|, or") + colour >> (lambda *shades: " or ".join(shades)),
-            colour + cue("or|, or") + colour >> (lambda one, two: f"{one} or {two}"),
-            colour,
-        ),
+        "color": listed(colour, cue(",|or|, or")) >> (lambda found: " or ".join(one for (one,) in found)),
     }
     phrase = Notation(named, WORDS)
     for line in text.replace("\n    ", " ").strip().splitlines():

@@ -345,10 +345,7 @@ def _rows() -> Iterator[_Row]:
             yield _Row(kind, head.startswith("polar "), options, tuple(slots), needed)
 
 
-_NOUN_CUES = word_set(
-    "fast gap big where path way-of duration which-color rate order least how-many first-with last-with"
-    " max-height far most-far mean-far"
-)
+_NOUN_CUES = word_set("fast gap big where path duration which-color rate order least how-many far most-far")
 """Cues that may be nouns: "what is the speed"."""
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
@@ -358,7 +355,9 @@ _EMPTY, _LOOSELY, _UNKNOWN = 3, 20, 100
 _aside = generated(_aside_at)
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
 """Relation -> the kind of question what stands so to a thing."""
-_MANY = word_set("nearest farthest biggest brightest most_moving compare_speed order count_moving still motion")
+_BESIDE_ALL = {"in front of": "nearest", "behind": "farthest"}
+"""The same of everything."""
+_MANY = word_set("nearest farthest biggest brightest most_moving compare_speed order count_moving still")
 """Kinds that can be about the single ones of a kind."""
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
@@ -493,6 +492,8 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
 
 def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) -> Asked | None:
     """The question of a row whose slots are filled; None where they do not go together."""
+    if row.kind == "what_is":
+        return Asked(row.kind, it) if it else None
     joined = next((found[slot] for slot in _JOINED if slot in found), ("", ()))
     pair = found.get("pair", ())
     who, thing = found.get("who") or (), found.get("thing", ()) or tuple(filter(None, [row.options.get("thing")]))
@@ -507,67 +508,43 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
             return None
         things = things if other == things else (*things[0].split("-"), *other)  # "the dog-bush distance"
     manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
-    if row.kind == "order" and "side" in found:  # "what is on the far left"
-        manner = "from left to right"
-    kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
+    polar, negated = row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
     negated = negated != ("says" in row.options)
-    if kind == "what_is":
-        return Asked(kind, it) if it else None
-    kind = _OPPOSITE.get((kind, manner), kind)
-    if kind == "@place":  # before or behind everything is the nearest or the farthest
-        kind = (
-            _BESIDE.get(manner, manner) if things else {"in front of": "nearest", "behind": "farthest"}.get(manner, "")
-        )
-        manner = ""
-        if not kind:
-            return None
+    kind = _OPPOSITE.get((row.kind, manner), row.kind)
+    if kind == "@place":
+        kind, manner = (_BESIDE.get(manner, manner) if things else _BESIDE_ALL.get(manner, "")), ""
     elif kind == "still" and polar:
         kind, negated = "motion", not negated
-    if things == other and kind not in ("nearest", "farthest"):
+    near, several = kind in ("nearest", "farthest"), len(things) > 1
+    if things == other and not near:
         other = ()
-    several = len(things) > 1
-    apart = kind in ("nearest_moment", "farthest_moment") and "it" in named and "other" not in found  # "they"
-    if several and not other and (apart or kind in (*_TWO, "nearest", "farthest", "distance")):
+    they = kind in ("nearest_moment", "farthest_moment") and "it" in named and "other" not in found
+    if several and not other and (they or near or kind in _TWO | {"distance"}):
         other = things[-1:]
-    if not several and (kind in _TWO or (polar and kind in ("nearest", "farthest"))) and manner not in _MOST:
+    alone = not several and manner not in _MOST and (kind in _TWO or (polar and near))
+    if not kind or alone or (row.kind in _NEEDS_A_THING and not it and "it" in named):
         return None
-    nearest_of_several = kind in ("nearest", "farthest") and bool(other) and len(things) > 2
-    single = (
-        things[:1]
-        if nearest_of_several
-        else (*who, *thing)
-        if kind in _MANY and len(who) + len(thing) == 1 and not (polar or pair)
-        else ()
-    )
-    if kind == "motion" or "it" in single or (other and kind not in ("nearest", "farthest")):
-        single = ()
-    span = _frames(found["time"], clip) if "time" in found else None
-    if row.kind in _NEEDS_A_THING and not it and "it" in named:
-        return None
-    if span is None and "at" in row.options:
-        span = (clip.frames - 1.0, clip.frames - 1.0) if row.options["at"] == "end" else (0.0, 0.0)
+    among = (*who, *thing) if kind in _MANY and not (polar or pair or (other and not near)) else ()
+    among = things[:1] if near and other and len(things) > 2 else among
+    span = ((clip.frames - 1.0) * (row.options["at"] == "end"),) * 2 if "at" in row.options else None
     return Asked(
         kind,
         things,
-        span,
+        _frames(found["time"], clip) if "time" in found else span,
         found.get("side", "") or found.get("sideways", ""),
         polar,
         negated,
         manner,
         row.options.get("extreme", "") or found.get("extreme", ""),
         other,
-        single[0] if single else "",
+        among[0] if len(among) == 1 and among != ("it",) else "",
         found.get("but", ()),
     )
 
 
 _JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
-_MANNERS = (
-    *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
-    "farther-aside",
-    "doing",
-    "spot",
-)
+_MANNERS = ("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "faster", "color", "place")
+_MANNERS += ("farther-aside", "doing", "spot")
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
 """(kind, extreme that is asked for) -> the kind that it is."""

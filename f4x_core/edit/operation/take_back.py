@@ -67,14 +67,8 @@ class TakeBack(Change):
             f"{verb} (that|it|this|(the|my|that) [last|previous] {edit})|take [that|this] back": LAST,
             f"{verb} [everything|all|all (of) (the|my|these) [edits|changes|steps]|every {edit}]": ALL,
         }
-        undo = say.command(
-            "take back the last edit",
-            lambda undo: lambda *_: cls(undo),
-            "undo",
-            say.Use(alone=True),
-            say.nobody,
-            undo=phrases,
-        )
+        take = lambda undo: lambda *_: cls(undo)  # noqa: E731
+        undo = say.command("take back the last edit", take, "undo", say.Use(alone=True), say.nobody, undo=phrases)
         return say.Sentences(early=(undo,))
 
     @classmethod
