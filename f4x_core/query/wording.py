@@ -543,8 +543,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
 
 
 _JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
-_MANNERS = ("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "faster", "color", "place")
-_MANNERS += ("farther-aside", "doing", "spot")
+_MANNERS = ["manner", "order-by", "biggest", "brightest", "speediest", "bigger", "faster", "color", "place"]
+_MANNERS += ["farther-aside", "doing", "spot"]
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
 """(kind, extreme that is asked for) -> the kind that it is."""
