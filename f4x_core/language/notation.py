@@ -43,7 +43,7 @@ class Notation:
         """The rule of phrases, earlier ones preferred, each with its value or with a function of the values that it names."""
         return either(
             *(
-                self(spec, **rules) >> (meaning if callable(meaning) else lambda meaning=meaning: meaning)
+                self(spec, **rules) >> (meaning if callable(meaning) else lambda *_, meaning=meaning: meaning)
                 for spec, meaning in meanings.items()
             )
         )

@@ -97,3 +97,9 @@ SAY = notation.Notation({"colour": COLOUR})
 def test_phrases_are_read_as_they_are_written(phrase, sentence, values):
     ways = SAY(phrase).at(Reading(sentence), 0)
     assert ways.get(len(tokenise(sentence))) == values
+
+
+def test_in_a_table_of_phrases_the_first_that_fits_gives_its_value_or_makes_one():
+    rule = SAY.table({"very <colour>": str.upper, "very <colour>|plain": "plain", "(a) <mark> hue": 1.0}, mark=COLOUR)
+    found = {sentence: rule.at(Reading(sentence), 0) for sentence in ("very red", "plain", "a red hue")}
+    assert found == {"very red": {2: ("R",)}, "plain": {1: ("plain",)}, "a red hue": {3: (1.0,)}}
