@@ -26,7 +26,7 @@ from ..query.surroundings import NO_THING, everything_to, is_backdrop, known_thi
 from ..scene import Scene
 from ..scene.people import single_people
 from .apply import EditedScene, edited, next_id, with_operations
-from .change import Change, ChangeWithShadow
+from .change import DIRECTIONS, Change, ChangeWithShadow
 from .description import whom
 from .selects import (
     MAX_WORDS_LENGTH,
@@ -271,7 +271,8 @@ class Resolver:
                 found = everything_to(scene, others, select.where, time)
             else:
                 rows = rows_of(scene, self._cached(scene, select.of, tidy))
-                found = stand_to(posed, rows, others, select.where, camera, select.each, single_people(scene, rows))
+                way = camera.camera_to_world[:3, :3] @ DIRECTIONS[select.where]
+                found = stand_to(posed, rows, others, way, select.each, single_people(scene, rows))
             if not len(found):
                 words = whom(select)
                 nothing = f"nothing is {words.removeprefix('everything ')}" if select.of == All() else ""

@@ -137,34 +137,24 @@ def stand_to(
     posed: PosedSplats,
     rows: np.ndarray,
     others: np.ndarray,
-    where: str,
-    camera: Camera,
+    way: np.ndarray,
     each: bool,
     known: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return those of the Gaussians `rows` whose objects stand so (see `selects.Beside`) to the Gaussians `others`.
+    """Return those of the Gaussians `rows` whose objects stand in the direction `way (3,)` from the Gaussians `others`.
 
-    Objects that share a Gaussian with the others do not count. With `each` all of them, else the one whose centre is nearest.
-    `known`: see `split_objects`.
+    A way of no length is any. Objects that share a Gaussian with the others do not count. With `each` all of them, else the one
+    whose centre is nearest. `known`: see `split_objects`.
     """
-    apart = ~np.isin(rows, others)
-    rows, known = rows[apart], None if known is None else np.unique(known[apart], return_inverse=True)[1]
+    free = ~np.isin(rows, others)
+    rows, known = rows[free], None if known is None else np.unique(known[free], return_inverse=True)[1]
     if not len(rows) or not len(others):
         return rows[:0]
     owner, _ = split_objects(posed, rows, known)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
     centres = centres_of(posed.means[rows], owner, surface)
-    target = centres_of(posed.means[others], np.zeros(len(others), int), posed.opacities[others] + 1e-12)
-    apart = (centres - target) @ camera.camera_to_world[:3, :3]  # right, down, forward
-    axis, sign = {
-        "left": (0, -1),
-        "right": (0, 1),
-        "above": (1, -1),
-        "below": (1, 1),
-        "front": (2, -1),
-        "behind": (2, 1),
-    }.get(where, (0, 0))
-    fits = apart[:, axis] * sign > 0 if sign else np.ones(len(apart), bool)
+    apart = centres - centres_of(posed.means[others], np.zeros(len(others), int), posed.opacities[others] + 1e-12)
+    fits = apart @ way > 0 if way.any() else np.ones(len(apart), bool)
     if not fits.any():
         return rows[:0]
     if each:

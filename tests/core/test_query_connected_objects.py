@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from f4x_core.edit.change import DIRECTIONS
 from f4x_core.geometry.camera import Camera
 from f4x_core.query.connected_objects import (
     centres_of,
@@ -153,6 +154,10 @@ def test_the_middle_is_that_of_the_picture_and_sizes_have_two_sides():
     np.testing.assert_array_equal(pick_object(posed, everyone, "largest", CAMERA), rows[0])
 
 
+def way(where, camera=CAMERA):
+    return camera.camera_to_world[:3, :3] @ DIRECTIONS[where]
+
+
 @pytest.mark.parametrize(
     ("where", "each", "things"),
     [
@@ -169,7 +174,7 @@ def test_things_to_a_side_of_another(where, each, things):
         ((0, 0, 5), 4, FLAT, 0.5),
     ]
     posed, rows = splats(groups)
-    found = stand_to(posed, np.concatenate(rows), rows[3], where, CAMERA, each)
+    found = stand_to(posed, np.concatenate(rows), rows[3], way(where), each)
     np.testing.assert_array_equal(found, np.concatenate([rows[thing] for thing in things]))
 
 
@@ -179,10 +184,10 @@ def test_sides_are_those_of_the_camera():
     posed, rows = splats([((-1, 0, 4.9), 4, FLAT, 0.5), ((1, 0, 7), 4, FLAT, 0.5), ((0, 0, 5), 4, FLAT, 0.5)])
     others = np.concatenate(rows[:2])
     for where, thing in (("left", 1), ("right", 0), ("front", 1), ("behind", 0)):
-        np.testing.assert_array_equal(stand_to(posed, others, rows[2], where, turned, True), rows[thing])
-    assert not len(stand_to(posed, others, rows[2], "above", turned, True))
-    assert not len(stand_to(posed, rows[2], rows[2], "left", turned, True))
-    assert not len(stand_to(posed, rows[2], rows[2][:0], "left", turned, True))
+        np.testing.assert_array_equal(stand_to(posed, others, rows[2], way(where, turned), True), rows[thing])
+    assert not len(stand_to(posed, others, rows[2], way("above", turned), True))
+    assert not len(stand_to(posed, rows[2], rows[2], way("left", turned), True))
+    assert not len(stand_to(posed, rows[2], rows[2][:0], way("left", turned), True))
 
 
 @pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
