@@ -9,13 +9,11 @@ from labelled_scene import labelled_scene, square_mask
 from random_scene import random_scene
 
 from f4x_core.features.models.prompt import Prompt, check_prompt
-from f4x_core.geometry import spherical_harmonics
-from f4x_core.query import k_means, objects
+from f4x_core.query import objects
 from f4x_core.query.blend_weights import blend_weight_sums
 from f4x_core.query.marks import Box, Brush, Mask, Point, marks_of
 from f4x_core.query.objects import Graph, Superpoints, point_out
 from f4x_core.query.select_config import MOVING, SELECT, STATIC, Cutting
-from f4x_core.query.standing_out import difference
 
 from .test_query_superpoints import pieces
 
@@ -60,19 +58,6 @@ def test_a_scene_is_seen_by_direction_and_logarithm_of_distance():
         np.testing.assert_allclose(found[row], [*(8 * away / far), 1.5 * np.log(far)], rtol=1e-5)
 
 
-def test_looks_are_unit_features_about_their_mean_beside_weighed_colour():
-    scene = labelled_scene()
-    found = objects._appearance(scene, GRAPH)
-    features = scene.features.decode("visual", scene.latents())
-    features = features - features.mean(0)
-    features /= np.linalg.norm(features, axis=1, keepdims=True)
-    some = np.r_[:5, len(found) - 5 : len(found)]
-    np.testing.assert_allclose(found[some, :-3] @ found[some, :-3].T, features[some] @ features[some].T, atol=1e-4)
-    colour = np.clip(spherical_harmonics.rgb_from_dc(scene.posed(0.0).sh[:, 0]), 0, 1)
-    np.testing.assert_allclose(found[:, -3:], 0.7 * colour, atol=1e-6)
-    np.testing.assert_allclose(objects._appearance(labelled_scene(features=False), GRAPH), 0.7 * colour, atol=1e-6)
-
-
 def test_only_the_sixteen_main_directions_of_features_are_kept(monkeypatch):
     scene = labelled_scene()
     wide = RNG.normal(size=(len(scene.ids), 24)) * np.linspace(0.1, 2, 24)
@@ -83,66 +68,6 @@ def test_only_the_sixteen_main_directions_of_features_are_kept(monkeypatch):
     strength = np.sort(np.linalg.eigvalsh(unit.T @ unit))[-16:]
     assert found.shape[1] == 16
     np.testing.assert_allclose(np.sort((found**2).sum(0)), strength, rtol=1e-4)
-
-
-def test_squares_and_means_and_the_nearest():
-    one, other = RNG.normal(size=(7, 3)), RNG.normal(size=(4, 3))
-    plain = ((one[:, None] - other) ** 2).sum(2)
-    np.testing.assert_allclose(objects._squares(one, other), plain, atol=1e-12)
-    many = RNG.normal(size=(2 * k_means.BLOCK + 5, 3))
-    np.testing.assert_array_equal(k_means.nearest(many, other), ((many[:, None] - other) ** 2).sum(2).argmin(1))
-    index, weight = np.array([0, 2, 0, 2, 2, 0, 0]), RNG.random(7)
-    found = k_means.means(index, weight, one, 3)
-    for group in (0, 2):
-        np.testing.assert_allclose(found[group], np.average(one[index == group], 0, weight[index == group]))
-    assert not found[1].any()
-
-
-def test_groups_are_a_plain_k_means():
-    place, looks, weight = RNG.normal(size=(50, 2)), RNG.random((50, 5)), RNG.random(50)
-    index, mass, centres, mine = objects._group(place, looks, weight, 6, GRAPH)
-    joint = np.hstack([place, 0.5 * looks[:, :2], looks[:, 2:] / 0.7]).astype(np.float32)
-    mixed = joint[np.random.default_rng(0).permutation(50)]
-    middles = mixed[:6]
-    for _ in range(5):
-        near = ((mixed[:, None] - middles) ** 2).sum(2).argmin(1)
-        middles = np.stack([mixed[near == k].mean(0) if (near == k).any() else 0 * mixed[0] for k in range(6)])
-    near = ((joint[:, None] - middles) ** 2).sum(2).argmin(1)
-    np.testing.assert_array_equal(index, np.unique(near, return_inverse=True)[1])
-    for k in range(index.max() + 1):
-        own = index == k
-        assert mass[k] == pytest.approx(weight[own].sum())
-        np.testing.assert_allclose(centres[k], np.average(place[own], 0, weight[own]))
-        np.testing.assert_allclose(mine[k], np.average(looks[own], 0, weight[own]))
-
-
-def test_no_rows_make_no_groups():
-    index, mass, centres, mine = objects._group(np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0), 6, GRAPH)
-    assert index.dtype.kind == "i" and [len(part) for part in (index, mass, centres, mine)] == [0, 0, 0, 0]
-
-
-def test_bonds_fall_with_distance_and_with_looks():
-    place, looks = RNG.normal(size=(20, 3)), RNG.normal(size=(20, 4))
-    bonds, close = objects._bonds(objects._squares(place, place), looks, GRAPH.neighbours)
-    far = ((place[:, None] - place) ** 2).sum(2)
-    np.fill_diagonal(far, np.inf)
-    unlike = ((looks[:, None] - looks) ** 2).sum(2)
-    reach = np.sort(far, 1)[:, 11]  # the twelfth neighbour
-    near = (far <= reach[:, None]) | (far <= reach)
-    unit = np.median(unlike[near])
-    expected = np.where(near, np.exp(-far / np.median(reach)), 0)
-    np.testing.assert_allclose(close, expected, rtol=1e-9)
-    np.testing.assert_allclose(bonds, expected * np.exp(-unlike / unit), rtol=1e-9)
-    np.testing.assert_allclose(bonds, bonds.T)
-    assert not np.diag(bonds).any() and not np.diag(close).any()
-
-
-def test_bonds_of_few():
-    bonds, close = objects._bonds(1 - np.eye(2), np.array([[0.0], [2.0]]), 12)
-    np.testing.assert_allclose(bonds, np.exp(-2) * (1 - np.eye(2)))
-    assert close[0, 1] == pytest.approx(np.exp(-1))
-    bonds, close = objects._bonds(np.zeros((1, 1)), np.zeros((1, 3)), 12)
-    assert not bonds.any() and not close.any()
 
 
 def always(places):
@@ -244,12 +169,6 @@ def test_the_weakest_outline_weighs_conductance_and_contrast_and_of_weak_ones_th
         assert objects._sweep((bonds, out), (near, most), order, fits, Cutting(contrast, 0.5)) == best + 1
 
 
-def test_where_nothing_fits_everything_is_taken():
-    bonds = np.ones((3, 3)) - np.eye(3)
-    given = (bonds, np.ones(3)), (bonds, np.ones(3)), np.arange(3)
-    assert objects._sweep(*given, np.zeros(3, bool), Cutting(0.5, 0.0)) == 3
-
-
 def test_other_pieces_than_the_most_marked_one_are_apart():
     marked = np.array([1.0, 1.0, 1.5, 0.0])
     assert not chain(np.ones(4), [1, 1, 1]).apart(marked).any()
@@ -325,25 +244,6 @@ def test_sums_and_means_over_superpoints():
     np.testing.assert_array_equal(superpoints.spread(np.array([5.0, 7.0]), 6), [0, 7, 7, 0, 5, 0])
     np.testing.assert_allclose(superpoints.means(np.array([0, 1.0, 2.0, 0, 6.0]), weights), [6, 7 / 4])
     assert superpoints.means(weights, np.zeros(5)).tolist() == [0, 0]
-
-
-def test_the_graph_of_a_scene_is_made_of_these():
-    scene = labelled_scene(features=False)
-    moving, static = objects.superpoints_of(scene)
-    weights = difference(scene, 24, 120)[0] + 1e-4
-    assert moving.weight.sum() == pytest.approx(weights[scene.moving].sum())
-    assert static.weight.sum() == pytest.approx(weights[~scene.moving].sum())
-    np.testing.assert_array_equal(static.rows, np.flatnonzero(~scene.moving))
-    places = np.stack([scene.posed(float(time)).means[scene.moving] for time in scene.cameras.times], 1)
-    places /= np.sqrt(places.var(0).sum() / len(scene.cameras))
-    joint = places[:, [0, 2, 5]].reshape(-1, 9) / np.sqrt(3)
-    looks, light = objects._appearance(scene, GRAPH)[scene.moving], weights[scene.moving]
-    index, mass, _, mine = objects._group(joint, looks, light, 1000, GRAPH)
-    bonds, near = objects._bonds(always(places).means(index, light, len(mass)).apart(), mine, GRAPH.neighbours)
-    np.testing.assert_allclose(moving.bonds, bonds, atol=1e-6)
-    np.testing.assert_allclose(moving.near, near, atol=1e-6)
-    assert moving.blend.max() < 1e-9 and not moving.cast.any()  # a white square before a blue wall
-    assert not static.blend.any() and not static.cast.any() and moving.piece.max() == 0 and static.piece is None
 
 
 def test_standing_things_look_by_colour_first(monkeypatch):

@@ -592,17 +592,3 @@ def test_what_lies_mostly_under_a_stroke_is_held(monkeypatch):
     assert pointed.asked(stroke) == [2, 3, 5]
     pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 1.99]]}, piece)
     assert pointed.asked(stroke) == [2, 3]
-
-
-def test_pieces_are_what_keeps_its_distances():
-    """Three in a row that turn together, a fourth that goes away from them, and a fifth that nothing is near."""
-    turned = np.array([[[x * np.cos(a), x * np.sin(a), 0] for a in (0, 0.7, 1.9)] for x in (0.0, 1, 2)])
-    leaves = np.array([[[3.0 + step, 0, 0] for step in (0, 1, 2)]])
-    places = np.concatenate([turned, leaves, [[[9, 9, 9]] * 3]])
-    near = np.zeros((5, 5))
-    near[[0, 1, 1, 2, 2, 3], [1, 0, 2, 1, 3, 2]] = 1
-    tracks = objects._Tracks(places, np.ones((5, 3)), GRAPH)
-    assert pieces(tracks, near).tolist() == [0, 0, 0, 1, 2]
-    assert pieces(objects._Tracks(places[:1], np.ones((1, 3)), GRAPH), np.zeros((1, 1))).tolist() == [0]
-    shaken = places + 0.3 * np.random.default_rng(0).normal(size=places.shape)
-    assert len(set(pieces(tracks._replace(places=shaken), near)[:3])) == 1  # noise is no motion
