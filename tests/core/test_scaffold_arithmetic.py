@@ -13,7 +13,7 @@ from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.deformation.reference import SIGN_BAND, slot_signs
 from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.groups import MAX_GROUPS, rigid_groups
-from f4x_core.scaffold.lifting import LiftedTracks, LiftingConfig, fill_gaps, lift_tracks
+from f4x_core.scaffold.lifting import LiftedTracks, fill_gaps
 from f4x_core.scaffold.losses import smoothness_losses
 from f4x_core.scaffold.optimise import GeometryConfig, _decay, optimise_geometry
 from f4x_core.scaffold.rotation import initial_rotations
@@ -43,16 +43,6 @@ def nodes(frames: int, places: np.ndarray, ids=None, sign: float = 1.0) -> Scaff
         edge_mask=np.ones((count, 1), bool),
         unit=0.1,
     )
-
-
-def test_curves_are_kept_from_the_least_fraction_of_frames_on():
-    seen = np.zeros((10, 3), bool)
-    for curve, frames in enumerate((4, 5, 10)):
-        seen[:frames, curve] = True
-    tracks = np.tile([[5.2, 5.1], [16.2, 12.1], [20.5, 8.5]], (10, 1, 1))
-    path, config = cameras(10), LiftingConfig(min_samples=1, min_fraction=0.5)
-    lifted = lift_tracks(tracks, seen, np.ones((10, 24, 32)), path, path.times, config)
-    assert lifted.index.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("known", [0, 4])

@@ -13,7 +13,6 @@ from f4x_core.scaffold.graph import DISTANCE_CAP, GraphConfig, attach_nodes, bui
 from f4x_core.scaffold.lifting import (
     LiftedTracks,
     LiftingConfig,
-    complete_curves,
     fill_gaps,
     lift_tracks,
     nearest_valid_depth,
@@ -133,34 +132,6 @@ def test_gaps_are_filled_along_lines_in_time_and_ends_held():
     np.testing.assert_allclose(filled[:, 0, 0], [1, 1, 2, 4, 4])
     np.testing.assert_array_equal(filled[:, 1], 5)
     np.testing.assert_array_equal(filled[:, 2], xyz[:, 2])
-
-
-def test_unseen_stretches_move_with_the_seen_curves_around_them():
-    rng = np.random.default_rng(0)
-    frames, number = 12, 60
-    times = np.arange(frames, dtype=np.float64)
-    path = np.stack([0.1 * times, np.sin(times), 0 * times], 1)  # not a line: filling straight would miss it
-    truth = rng.normal(size=(number, 3)) + path[:, None]
-    certain = rng.random((frames, number)) < 0.7
-    certain[:, 0], certain[3:8, 1], certain[:5, 2], certain[9:, 3] = True, False, False, False
-    certain[[2, 8], 1] = certain[5, 2] = certain[8, 3] = True
-    noisy = np.where(certain[..., None], truth, 99.0)
-    found = complete_curves(noisy, certain, times, carriers=4)
-    some = certain.any(axis=0)
-    np.testing.assert_allclose(found[:, some], truth[:, some], atol=1e-6)
-    never = complete_curves(noisy, np.zeros_like(certain), times, carriers=4)
-    np.testing.assert_array_equal(never, noisy)
-
-
-def test_gaps_that_drift_end_where_the_curve_is_seen_again():
-    times = np.arange(6, dtype=np.float64)
-    curves = np.zeros((6, 2, 3))
-    curves[:, 0, 0] = times  # the neighbour runs ahead, the curve itself stays
-    certain = np.ones((6, 2), bool)
-    certain[1:5, 1] = False
-    found = complete_curves(curves, certain, times, carriers=4)
-    np.testing.assert_allclose(found[[0, 5], 1], 0, atol=1e-12)
-    assert np.isfinite(found).all() and np.abs(found[:, 1]).max() < 4
 
 
 def test_shaking_and_outlying_samples_are_dropped():
