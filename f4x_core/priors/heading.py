@@ -34,7 +34,7 @@ class Extents:
     """(f, 2) width and height."""
 
     @classmethod
-    def of(cls, masks: Sequence[np.ndarray]) -> Extents:
+    def of(cls, masks: Sequence[np.ndarray] | np.ndarray) -> Extents:
         """Return those of `masks (f, H, W)` bool, none of which is empty."""
         places = [np.nonzero(mask)[::-1] for mask in masks]
         center = [[x.mean() + 0.5, y.mean() + 0.5] for x, y in places]
@@ -55,14 +55,11 @@ def turn_along_way(extents: Extents, inverse: np.ndarray, cameras: CameraPath) -
     length = extents.length
     if len(inverse) < 3 or not length:
         return np.zeros(len(inverse))
-    places = np.concatenate(
-        [
-            camera.unproject(at[None], 1 / rho[None])
-            for camera, at, rho in zip(cameras, extents.center, inverse, strict=True)
-        ]
-    )
+    every = [cameras[i] for i in range(len(cameras))]
+    placed = zip(every, extents.center, 1 / inverse, strict=True)
+    places = np.concatenate([camera.unproject(at[None], depth[None]) for camera, at, depth in placed])
     down, times, turns = cameras.mean_down, cameras.times, np.zeros(len(inverse))
-    for i, (camera, at, width) in enumerate(zip(cameras, extents.center, extents.size[:, 0], strict=True)):
+    for i, (camera, at, width) in enumerate(zip(every, extents.center, extents.size[:, 0], strict=True)):
         near = abs(times - times[i]) <= WINDOW
         speed = _slope(times[near] - times[i], places[near])
         way = np.linalg.norm(speed) * np.ptp(times[near])

@@ -310,7 +310,8 @@ def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) 
     size = np.array(in_threads(lambda i: growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1)))
     cameras, extents = priors.cameras.at_times(priors.cameras.times[mover.frames]), Extents.of(mover.masks)
     contacts = [
-        _contact(maps.inverse[f], maps.moving[f], *one) for f, *one in zip(mover.frames, owns, edges, strict=True)
+        _contact(maps.inverse[f], maps.moving[f], own, edge)
+        for f, own, edge in zip(mover.frames, owns, edges, strict=True)
     ]
     middle, trust = np.array(contacts).T
     stands = trust > NO_CONTACT
