@@ -46,6 +46,8 @@ SAVED_SCAFFOLD = ("xyz", "quat", "radius", "certain", "ids", "neighbours", "edge
 """Arrays of the scaffold in a checkpoint."""
 MEASURED_FRAMES = 4
 """Frames rendered for one point of the quality curve."""
+USED_PER_ASIDE = 8
+"""Used frames that a clip needs for each that is kept aside."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class FitStart:
 
 def frames_aside(frames: int, ending: EndingConfig) -> frozenset[int]:
     """Return which of so many used frames are kept aside; none where a fit does not end early."""
-    if not ending.min_gain or frames < 8 * ending.frames:
+    if not (ending.min_gain and ending.at) or frames < USED_PER_ASIDE * ending.frames:
         return frozenset()
     return frozenset(evenly_spaced(frames, ending.frames + 2)[1:-1].tolist())
 
