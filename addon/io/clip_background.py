@@ -28,8 +28,8 @@ def find_clip(scene: Scene, file: Path) -> Path | None:
 
 def frames_of(scene: Scene) -> range | None:
     """Return the indices of the clip's frames that a scene was fitted to, from its provenance; None if unknown."""
-    span = scene.provenance.get("frames")
-    if not isinstance(span, str) or not re.fullmatch(r"\d+:\d+:[1-9]\d*", span):
+    span = scene.fitted_frames
+    if span is None or not re.fullmatch(r"\d+:\d+:[1-9]\d*", span):
         return None
     first, end, step = map(int, span.split(":"))
     return range(first, end, step)

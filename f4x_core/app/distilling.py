@@ -39,7 +39,7 @@ class DistilRequest:
     clip: Path | None = None
     """The clip of the scene, where it is not where it was fitted from."""
     frames: str | None = None
-    """Frames of the clip, as for the fit."""
+    """Frames of the clip; None: those that the scene was fitted to."""
     output: Path | None = None
     """Another scene file to write; None: the scene itself."""
     config: DistilConfig = field(default_factory=DistilConfig)
@@ -140,14 +140,14 @@ def write_distilled(
 
 
 def reel_of_scene(scene: Scene, source: Path, frames: str | None) -> ClipStream:
-    """Return the frames that a scene was fitted to, at the scene's size, read on demand."""
+    """Return the frames that a scene was fitted to, at the scene's size, read on demand; `frames` in place of those it names."""
     cameras = scene.cameras
-    return ClipStream(source, frames, cameras.width, cameras.height, len(cameras))
+    return ClipStream(source, frames or scene.fitted_frames, cameras.width, cameras.height, len(cameras))
 
 
 def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Progress) -> Clip:
-    """Return the clip that a scene was fitted to, at the scene's size."""
-    clip = read_clip(source, frames, scene.cameras.width, progress=progress)
+    """Return the clip that a scene was fitted to, at the scene's size; `frames` in place of those it names."""
+    clip = read_clip(source, frames or scene.fitted_frames, scene.cameras.width, progress=progress)
     cameras = scene.cameras
     if len(clip) != len(cameras) or (clip.width, clip.height) != (cameras.width, cameras.height):
         raise F4xError(
@@ -168,5 +168,5 @@ def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | Non
                 f"{folder} holds no feature maps and the scene's clip is not at {source}; give --clip CLIP, or --features"
                 " DIR with the maps."
             )
-        clip = reel_of_scene(scene, Path(source), scene.provenance.get("frames") or None)
+        clip = reel_of_scene(scene, Path(source), None)
     return extract(clip, name, folder, progress=progress)

@@ -23,7 +23,7 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Measure a scene against its clip."""
     scene = open_scene(args.scene, args.edits)
     joints = _read_joints(args.joints) if args.joints is not None else None
-    clip = read_clip(args.clip, frames=args.frames, width=scene.cameras.width, masks=args.masks)
+    clip = read_clip(args.clip, frames=args.frames or scene.fitted_frames, width=scene.cameras.width, masks=args.masks)
     if joints is not None and clip.masks is None:
         raise F4xError("--joints needs --masks: the size of the animal sets how near a joint must be.")
     masks = None if clip.masks is None else dict(enumerate(clip.masks))

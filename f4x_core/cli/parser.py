@@ -134,7 +134,7 @@ def _distill(verbs: Verbs) -> None:
     sub.add_argument(
         "--clip", type=path_argument, help="the scene's clip; needed where the maps are not there and it has moved"
     )
-    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit")
+    sub.add_argument("--frames", metavar="A:B:S", help="other frames of the clip than the fit took")
     sub.add_argument(
         "--width", dest="latent_width", default="auto", metavar="D", help="latent channels: auto, 8, 16, 32 or 64"
     )
@@ -206,7 +206,7 @@ def _eval(verbs: Verbs) -> None:
     scene_option(sub)
     edits_option(sub)
     sub.add_argument("--clip", type=path_argument, required=True, help="the clip that was fitted")
-    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit")
+    sub.add_argument("--frames", metavar="A:B:S", help="other frames of the clip than the fit took")
     sub.add_argument("--refine-camera", action="store_true", help="also refine the camera on each held-out frame")
     sub.add_argument(
         "--baselines", action="store_true", help="also score the nearest frame and the half-way flow blend"
@@ -523,7 +523,7 @@ def _bench(verbs: Verbs) -> None:
         type=path_argument,
         help="the scene's clip: what features change in pictures (features), or the clip that is fitted (step)",
     )
-    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit (features, step)")
+    sub.add_argument("--frames", metavar="A:B:S", help="other frames of the clip than the fit took (features), or frames to fit (step)")
     sub.add_argument(
         "--plain", type=path_argument, metavar="SCENE", help="the scene before distilling (default: without its field)"
     )

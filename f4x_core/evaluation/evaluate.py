@@ -102,7 +102,7 @@ def evaluate(
     """
     cameras = scene.cameras
     if len(clip) != len(cameras) or (clip.width, clip.height) != (cameras.width, cameras.height):
-        fitted = scene.provenance.get("frames")
+        fitted = scene.fitted_frames
         raise F4xError(
             f"{clip.source}: the clip has {len(clip)} frames of {clip.width}x{clip.height}, the scene {len(cameras)} of"
             f" {cameras.width}x{cameras.height}; give the clip that was fitted{f', with --frames {fitted}' if fitted else ''}."

@@ -298,6 +298,12 @@ class Scene:
         return offset_of(self.provenance)
 
     @property
+    def fitted_frames(self) -> str | None:
+        """The frames of its clip that it was fitted to, as `A:B:S`; None where the file does not name them."""
+        frames = self.provenance.get("frames")
+        return frames if isinstance(frames, str) and frames else None
+
+    @property
     def untimed(self) -> Scene:
         """Scene with only the edits that move nothing in time; without edits the scene itself."""
         return self

@@ -13,6 +13,7 @@ from PIL import Image
 from f4x_core.app import distilling, encoding
 from f4x_core.cli.main import main
 from f4x_core.clip import write_images
+from f4x_core.errors import F4xError
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.teachers import TEACHERS
 from f4x_core.fit.vocabulary import with_vocabulary
@@ -377,6 +378,25 @@ def test_words_are_added_without_learning_a_head_anew(folder, capsys, tmp_path, 
     before, after = read_scene(folder / "scene.f4x").features, read_scene(scene).features
     assert after.vocabularies["words"].labels == (*before.vocabularies["words"].labels, "boat", "ship")
     np.testing.assert_array_equal(after.static, before.static)
+
+
+def test_frames_of_a_clip_are_those_that_the_fit_took(capsys, tmp_path, monkeypatch):
+    scene = dataclasses.replace(labelled_scene(), provenance={"source": "moved", "frames": f"2:{2 * FRAMES + 2}:2"})
+    write_scene(scene, tmp_path / "scene.f4x")
+    pictures = [np.full((HEIGHT, WIDTH, 3), 10 * number, np.uint8) for number in range(2 * FRAMES + 3)]
+    write_images(tmp_path / "clip", pictures)
+    seen = []
+
+    def extract(clip, name, folder, progress):
+        seen.append([int(frame.mean()) // 10 for frame in clip.frames])
+        raise F4xError("seen")
+
+    monkeypatch.setattr(distilling, "extract", extract)
+    command = ["distill", tmp_path / "scene.f4x", "--teacher", "visual", "--clip", tmp_path / "clip"]
+    assert run(capsys, *command)[0] == 2 and run(capsys, *command, "--frames", f"0:{FRAMES}")[0] == 2
+    assert seen == [[*range(2, 2 * FRAMES + 2, 2)], [*range(FRAMES)]]
+    code, out, err = run(capsys, "eval", tmp_path / "scene.f4x", "--clip", tmp_path / "clip", "--json")
+    assert code == 0 and len(json.loads(out)["frames"]) == FRAMES, err
 
 
 def test_a_rank_beyond_the_channels_is_told(capsys, tmp_path, monkeypatch):
