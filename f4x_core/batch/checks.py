@@ -25,7 +25,7 @@ parse_cached = lru_cache(1024)(parse)
 
 
 def require_values(row: Row) -> None:
-    """Raise F4xError for values that fail whatever the fit gives: window lengths, frozen frames, sentences, JSON files."""
+    """Raise F4xError for windows, frozen frames, sentences and JSON files that fail whatever the fit gives."""
     if row.window or row.overlap is not None:
         length = row.window or LENGTHS[0]
         plan_windows(0, length, length, usual_overlap(length) if row.overlap is None else row.overlap)

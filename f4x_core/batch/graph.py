@@ -114,6 +114,7 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
     clip = [*frames, *_options(width=row.width, hold_out=row.hold_out, masks=masks)]
     fit = [*_options(profile=row.profile, provider=row.provider, cameras=row.cameras, depth=row.depth), *costs, *drawn]
     fit += [word for name, _, path in prior for word in ("--prior", f"{name}={_absolute(path)}")]
+    fit += [word for setting in row.settings for word in ("--set", setting)]
     sources = [row.clip, *mine]
     windows = _options(window=row.window, overlap=row.overlap)
     in_windows = fitted_in_windows(row)

@@ -78,6 +78,8 @@ class Row(Record):
     """Provider of the depth."""
     prior: tuple[str, ...] = ()
     """Priors from files, each NAME=PATH."""
+    settings: tuple[str, ...] = ()
+    """Settings of the profile to change, each NAME=VALUE, as `f4x fit --set` takes them."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 1

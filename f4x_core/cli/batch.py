@@ -44,6 +44,7 @@ from ..batch.work import Outcome, Settings
 from ..errors import F4xError
 from ..progress import Progress
 from .checks import require_folder, why_slow
+from .fitting import config_of
 from .terminal import ErrorConsole
 
 MAX_EXIT_CODE = 100
@@ -111,7 +112,9 @@ def _require_commands(board: Board) -> None:
         for task in each.tasks:
             for command in task.commands:
                 try:
-                    parser.parse_args([each.row.clip if word == CLIP else word for word in command])
+                    args = parser.parse_args([each.row.clip if word == CLIP else word for word in command])
+                    if task.kind == "fit":
+                        config_of(args)
                 except F4xError as error:
                     raise F4xError(f"row {each.row.name}, {task.stage}: {error}") from error
 

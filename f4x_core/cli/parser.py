@@ -523,7 +523,9 @@ def _bench(verbs: Verbs) -> None:
         type=path_argument,
         help="the scene's clip: what features change in pictures (features), or the clip that is fitted (step)",
     )
-    sub.add_argument("--frames", metavar="A:B:S", help="other frames of the clip than the fit took (features), or frames to fit (step)")
+    sub.add_argument(
+        "--frames", metavar="A:B:S", help="other frames than the fit took (features), or those to fit (step)"
+    )
     sub.add_argument(
         "--plain", type=path_argument, metavar="SCENE", help="the scene before distilling (default: without its field)"
     )

@@ -124,7 +124,7 @@ def set_fields(config: Config, assignments: Sequence[str]) -> Config:
 
     Args:
         config: a frozen dataclass of settings; it stays as it is.
-        assignments: `NAME=VALUE` each, for example `steps=600`, `losses.ssim=0.2` or `rates.static.xyz=6e-4,6e-6`.
+        assignments: `NAME=VALUE` each, for example `steps=600`, `losses.ssim=0.2` or `rates.static.means=6e-4,6e-6`.
             Numbers of one field have commas between them; `none` is for fields that may be None; nothing after `=` is an
             empty list where a field may have any number of numbers.
 

@@ -9,6 +9,7 @@ from f4x_core.batch.checks import require_values
 from f4x_core.batch.graph import CLIP, declared_frames, tasks_of
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.storage import Digests
+from f4x_core.cli.fitting import config_of
 from f4x_core.cli.parser import build_parser
 from f4x_core.errors import F4xError
 from f4x_core.query import chat
@@ -254,6 +255,18 @@ def test_values_that_no_clip_could_make_right_are_told_before_any_task(changes, 
     monkeypatch.setenv(chat.URL, "http://127.0.0.1:9")
     if "edits" in changes:
         require_values(replace(FULL, **changes))  # a model may understand it
+
+
+def test_settings_of_the_fit_reach_its_command(tmp_path):
+    table = 'clip,settings\na.mp4,"steps=600; rates.static.means=6e-4,6e-6"\n'
+    [row] = read_manifest(write(tmp_path / "a.csv", table))
+    require_values(row)
+    priors, fit = tasks_of(row, lambda path: "")[:2]
+    for task in (priors, fit):
+        args = build_parser().parse_args(["clip.mp4" if word == CLIP else word for word in task.commands[0]])
+        assert config_of(args).steps == 600 and args.set == ["steps=600", "rates.static.means=6e-4,6e-6"]
+    [default] = read_manifest(write(tmp_path / "b.csv", "clip\nb.mp4\n"), {"settings": "steps=6; seed=3"})
+    assert default.settings == ("steps=6", "seed=3")
 
 
 def test_sentences_about_what_earlier_ones_make_are_left_to_the_scene():

@@ -203,6 +203,8 @@ def test_a_dry_run_names_what_is_missing_or_not_as_it_is_said(tmp_path, capsys):
     ("arguments", "sentence"),
     [
         (["--set", "profile=quik"], "row a, priors: argument --profile: there is no 'quik'; did you mean 'quick'?"),
+        (["--set", "settings=stepz=6"], "row a, fit: There is no setting 'stepz'; did you mean steps?"),
+        (["--set", "settings=seed=1; steps=many"], "row a, fit: steps must be a whole number"),
         (["--set", "profil=quick"], "no column 'profil', near it is 'profile'"),
         (["--set", "profile"], "write COLUMN=VALUE"),
         (["--jobs", "0"], "--jobs 0: give 1 or more"),
