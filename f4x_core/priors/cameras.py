@@ -18,7 +18,7 @@ Held-out frames are never looked at; how much real shake their interpolated came
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +58,6 @@ from .sfm import (
     ColmapSettings,
     Solution,
     choose_covering_points,
-    mean_directions,
     refocused,
     search_focal,
     sightings,
@@ -67,6 +66,7 @@ from .sfm import (
     solve_with_depth,
     solve_with_tracks,
     subset,
+    with_points_ahead,
 )
 from .short_tracks import Neighbourhood, sharpened
 from .standing import StillnessTest
@@ -135,8 +135,6 @@ they are not looked for where so much is explained already."""
 MIN_STANDING = 0.6
 """Fraction of the picture that cameras of all tracks must explain at least: by them hardly anything moves. Where cards that all
 move fill it they explain .53."""
-INFINITY = 1e4
-"""Distance, in radii of the camera's path, from which the path shifts nothing by as much as a tenth of a pixel."""
 MIN_TRACKS = 12
 """Static tracks that the motion of the camera needs at least."""
 
@@ -219,7 +217,7 @@ def _measure_bend(job: _CameraProblem, bundle: Bundle, kind: str) -> None:
     bend = measure(bundle, job.tracks, job.visible, job.static, replace(job.lens, refine_centers=kind == "moving"))
     if bend is None:
         return
-    job.statistics["bend"] = {"bend": _json(bend.bend), "saved": _json(bend.saved)}
+    job.statistics["bend"] = {name: _json(value) for name, value in asdict(bend).items()}
     if bend.certain:
         job.warnings.append(bend.advice(job.priors.width, job.priors.height))
 
@@ -395,16 +393,6 @@ def _triangulated_anew(bundle: Bundle, seen: Observations, tracks: np.ndarray) -
     return replace(bundle, points=triangulate(bundle, seen, len(tracks))[0])
 
 
-def _with_points_ahead(bundle: Bundle, seen: Observations) -> Bundle:
-    """Return the points with those behind a camera that saw them moved to infinity: their rays diverge by noise alone."""
-    behind = np.zeros(len(bundle.points), bool)
-    behind[seen.point[bundle.local(seen)[:, 2] <= 0]] = True
-    middle = bundle.center.mean(0)
-    reach = np.linalg.norm(bundle.center - middle, axis=1).max()
-    far = middle + INFINITY * reach * mean_directions(bundle, seen)
-    return replace(bundle, points=np.where(behind[:, None], far, bundle.points))
-
-
 def interpolation_error(bundle: Bundle, observations: Observations, times: np.ndarray) -> dict[str, float] | None:
     """Return the error in pixels of cameras that are interpolated from the other frames; None for too few frames.
 
@@ -516,7 +504,7 @@ def _completed(job: _CameraProblem, solution: Solution) -> Solution:
     seen, order = sightings(job.tracks, job.visible, job.static, ADJUSTED_TRACKS)
 
     def on_the_same_tracks(one: Solution) -> Bundle:
-        bundle = _with_points_ahead(_triangulated_anew(one.bundle, seen, order), seen)
+        bundle = with_points_ahead(_triangulated_anew(one.bundle, seen, order), seen)
         return adjust(bundle, seen, replace(job.lens, iterations=10))
 
     whole = in_threads(on_the_same_tracks, found)

@@ -15,14 +15,17 @@ import numpy as np
 from ..geometry.arrays import evenly_spaced
 from ..parallel import in_threads
 from .bundle import Bundle, BundleConfig, Observations, adjust, triangulate
-from .sfm import sightings
+from .sfm import on_sphere, sightings, with_points_ahead
 
 FRAMES, POINTS = 12, 300
 """Frames, evenly over the clip, and points that tell it."""
 STEP, FARTHEST = 0.05, 0.4
 """Bends are tried in such steps as long as the error falls, up to the farthest: no rectilinear film is bent more."""
-MIN_BEND, MIN_SAVED = 0.03, 0.25
-"""Smallest bend of a lens that is reported, and fraction of the error that it must take away."""
+MIN_BEND, MIN_SAVED, SURE = 0.03, 0.25, 3.0
+"""Smallest bend of a lens that is reported, fraction of the error that it must take away, and standard deviations of the
+coefficient by which it must exceed the smallest. Chosen on six real clips of straight lenses, 240 pixels wide, whole and cut to 40
+frames: bends save up to .13 of the error there. Deviations alone do not suffice: tracks on a moving shadow err together, which
+made a bend of ten deviations on car-shadow. On six other clips bends save up to .05."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +36,13 @@ class Bend:
     """See above; positive: barrel, as of wide lenses, negative: pincushion."""
     saved: float
     """Fraction of the error of a straight lens that it takes away."""
+    deviation: float
+    """Standard deviation of `bend` in the fit; large where focal length and parallax make up for a bend."""
 
     @property
     def certain(self) -> bool:
         """Return True if it is worth telling."""
-        return abs(self.bend) >= MIN_BEND and self.saved >= MIN_SAVED
+        return abs(self.bend) - SURE * self.deviation >= MIN_BEND and self.saved >= MIN_SAVED
 
     def advice(self, width: int, height: int) -> str:
         """Return a sentence that says what to do with a film of this shape."""
@@ -88,8 +93,13 @@ def measure(
         best += way
     below, here, above = error(best - 1), error(best), error(best + 1)
     curve = below - 2 * here + above
-    offset = (below - above) / (2 * curve) if curve > 0 else 0.0
-    return Bend(STEP * (best + float(np.clip(offset, -0.5, 0.5))), 1 - here / max(error(0), 1e-12))
+    saved = 1 - here / max(error(0), 1e-12)
+    if curve <= 0:
+        return Bend(STEP * best, saved, float("inf"))
+    # Sightings of a point err together, so that there are as many independent ones as points.
+    deviation = STEP * float(np.sqrt(2 * here / (len(order) * curve)))
+    offset = float(np.clip((below - above) / (2 * curve), -0.5, 0.5))
+    return Bend(STEP * (best + offset), saved, deviation)
 
 
 def straightened(uv: np.ndarray, principal: np.ndarray, bend: float) -> np.ndarray:
@@ -101,8 +111,12 @@ def straightened(uv: np.ndarray, principal: np.ndarray, bend: float) -> np.ndarr
 def _error(start: Bundle, seen: Observations, bend: float, config: BundleConfig) -> float:
     """Return the mean robust error of straightened tracks under adjusted cameras; log of squared pixels of the bent picture."""
     straight = replace(seen, uv=straightened(seen.uv, start.principal, bend))
-    points, _ = triangulate(start, straight, len(start.points))
-    bundle = replace(start, points=np.where(np.isfinite(points), points, 1.0))
+    bundle = on_sphere(start, straight)
+    if config.refine_centers:
+        points, _ = triangulate(start, straight, len(start.points))
+        points = np.where(np.isfinite(points), points, bundle.points)
+        # A point behind a camera stays there and costs more than any bend: the lens with the fewest such points would win.
+        bundle = with_points_ahead(replace(start, points=points), straight)
     bundle = adjust(bundle, straight, config)
     radius = (((seen.uv - start.principal) / start.principal.max()) ** 2).sum(1)
     missed = bundle.errors(straight) / np.maximum(1 + 2 * bend * radius, 0.1)

@@ -35,6 +35,8 @@ MIN_SHARED = 30
 """Fewest tracks two frames must share to be related to each other."""
 MIN_SPREAD = np.deg2rad(0.5)
 """Smallest angle between the viewing rays of a point whose depth is believed during reconstruction."""
+INFINITY = 1e4
+"""Distance, in radii of the camera's path, from which the path shifts nothing by as much as a tenth of a pixel."""
 MAX_ERROR_PX = 3.0
 """Median reprojection error above which a track is not a static point."""
 
@@ -145,7 +147,7 @@ def solve_rotations(
         rotation.append(turn @ rotation[-1])
     observations, chosen = sightings(tracks, visible, static, max_count)
     bundle = Bundle(focal, principal, np.array(rotation), np.zeros((len(rotation), 3)), np.zeros((len(chosen), 3)))
-    return Solution(_on_sphere(bundle, observations), observations, np.ones(len(rotation), bool))
+    return Solution(on_sphere(bundle, observations), observations, np.ones(len(rotation), bool))
 
 
 def solve_with_tracks(
@@ -325,7 +327,7 @@ def refocused(solution: Solution, focal: float, translating: bool = True) -> Sol
     turned = quaternion.to_matrix(quaternion.from_rotation_vector(relative * bundle.focal / focal))
     bundle = replace(bundle, rotation=turned @ reference, focal=focal)
     if not translating:
-        return replace(solution, bundle=_on_sphere(bundle, solution.observations))
+        return replace(solution, bundle=on_sphere(bundle, solution.observations))
     points, _ = triangulate(bundle, solution.observations, len(bundle.points))
     return replace(solution, bundle=replace(bundle, points=np.where(np.isfinite(points), points, bundle.points)))
 
@@ -358,7 +360,17 @@ def mean_directions(bundle: Bundle, observations: Observations) -> np.ndarray:
     return directions / (np.linalg.norm(directions, axis=1, keepdims=True) + 1e-12)
 
 
-def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
+def with_points_ahead(bundle: Bundle, seen: Observations) -> Bundle:
+    """Return the points with those behind a camera that saw them moved to infinity: their rays diverge by noise alone."""
+    behind = np.zeros(len(bundle.points), bool)
+    behind[seen.point[bundle.local(seen)[:, 2] <= 0]] = True
+    middle = bundle.center.mean(0)
+    reach = np.linalg.norm(bundle.center - middle, axis=1).max()
+    far = middle + INFINITY * reach * mean_directions(bundle, seen)
+    return replace(bundle, points=np.where(behind[:, None], far, bundle.points))
+
+
+def on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
     """Return the points at distance 1 in the mean direction of their sightings: a world without depth."""
     return replace(bundle, points=mean_directions(bundle, observations))
 

@@ -14,7 +14,7 @@ from f4x_core.priors import cameras as module
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
 from f4x_core.priors.folder import SEEN_DEPTH
 from f4x_core.priors.mirror import Decision, Evidence, mirrored
-from f4x_core.priors.sfm import DEFAULT_FOCAL, FOCALS, Solution, refocused, sightings, subset
+from f4x_core.priors.sfm import DEFAULT_FOCAL, FOCALS, Solution, refocused, sightings, subset, with_points_ahead
 from f4x_core.progress import silent
 
 
@@ -375,7 +375,7 @@ def test_points_that_rays_meet_behind_the_cameras_go_to_infinity():
     seen = observe(true)
     behind = np.arange(120) % 3 == 0
     points = np.where(behind[:, None], true.points * [1, 1, -1], true.points)
-    found = module._with_points_ahead(replace(true, points=points), seen)
+    found = with_points_ahead(replace(true, points=points), seen)
     np.testing.assert_array_equal(found.points[~behind], true.points[~behind])
     sighted = behind & (np.bincount(seen.point, minlength=120) > 0)
     assert (np.linalg.norm(found.points[sighted], axis=1) > 100 * np.linalg.norm(true.points, axis=1).max()).all()

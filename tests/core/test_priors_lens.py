@@ -1,5 +1,7 @@
 """A lens that bends straight lines is measured and told; a straight one is not."""
 
+from dataclasses import replace
+
 import av
 import numpy as np
 import pytest
@@ -24,8 +26,8 @@ def bent(uv, bend):
     return PRINCIPAL + PRINCIPAL.max() * offset / np.maximum(radius, 1e-12) * low
 
 
-def tracks_of(bend, noise=0.2):
-    true = truth(frames=16, travel=1.5)
+def tracks_of(bend, noise=0.2, true=None):
+    true = truth(frames=16, travel=1.5) if true is None else true
     tracks, visible = project(true)
     tracks = bent(tracks, bend) + noise * np.random.default_rng(3).standard_normal(tracks.shape)
     inside = ((tracks > 0) & (tracks < [WIDTH, HEIGHT])).all(-1)
@@ -38,6 +40,26 @@ def test_the_bend_of_a_lens_is_measured(bend):
     found = measure(true, tracks, visible, np.ones(tracks.shape[1], bool), BundleConfig(expected_focal=0.9 * WIDTH))
     assert found.bend == pytest.approx(bend, abs=0.02)
     assert found.certain == (bend != 0)
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.15])
+def test_far_points_whose_rays_diverge_do_not_bend_the_lens(bend):
+    """Noise triangulates many of them behind the cameras, where no adjustment gets them from. So little parallax tells little."""
+    near = truth(frames=16, travel=0.2)
+    far = np.random.default_rng(0).uniform(1, 60, (len(near.points), 1)) * near.points
+    true, tracks, visible = tracks_of(bend, 0.4, replace(near, points=far))
+    found = measure(true, tracks, visible, np.ones(tracks.shape[1], bool), BundleConfig(expected_focal=0.9 * WIDTH))
+    assert abs(found.bend - bend) < found.deviation < 0.03
+    assert not found.certain
+
+
+@pytest.mark.parametrize(("tracks_used", "certain"), [(300, True), (14, False)])
+def test_a_bend_that_few_tracks_tell_is_not_certain(tracks_used, certain):
+    true, tracks, visible = tracks_of(0.1, 0.3)
+    chosen = np.arange(tracks.shape[1]) < tracks_used
+    found = measure(true, tracks, visible, chosen, BundleConfig(expected_focal=0.9 * WIDTH))
+    assert found.saved > 0.25 and abs(found.bend) > 0.03
+    assert found.certain == certain
 
 
 def test_nothing_is_measured_without_tracks():
@@ -71,7 +93,7 @@ def test_the_told_command_makes_lines_straight(bend):
         return (128 + 60 * np.sin(uv[..., 0] / 9) + 60 * np.cos(uv[..., 1] / 7)).astype(np.uint8)
 
     shown = pattern(straightened(pixels.reshape(-1, 2), middle, bend).reshape(pixels.shape))
-    k1, k2 = Bend(bend, 1.0).ffmpeg(width, height)
+    k1, k2 = Bend(bend, 1.0, 0.0).ffmpeg(width, height)
     graph = av.filter.Graph()
     source = graph.add_buffer(width=width, height=height, format="gray", time_base="1/24")
     lens = graph.add("lenscorrection", f"k1={k1:.3f}:k2={k2:.3f}:i=bilinear")
