@@ -23,6 +23,8 @@ MAX_TIMES = 48
 """Clip times, evenly over what is asked about, at which places are measured."""
 MOVES = 0.03
 """World units a second (1 = median depth) from which a thing moves."""
+MIN_RISE = 0.01
+"""World units by which a thing must rise for the moments of it to be more than jitter of the fit."""
 MIN_COLOUR_FRACTION = 0.2
 """Fraction of a thing's surface from which a colour of it is told, and of its Gaussians from which a word for it is."""
 LUMA = np.array([0.2126, 0.7152, 0.0722])
@@ -232,10 +234,15 @@ class Comparison:
         return f"{name} is the {self.asked.manner or 'brightest'} thing, {light[name]:.0%} of white."
 
     def _rise(self) -> str:
-        height = self.things[0].centres[:, 1]
-        k = int(height.argmin())
-        rise = height.max() - height.min()
-        return f"{self.things[0].name} rises by {rise:.2f} times the median depth; it is highest {self._at(k)}."
+        up = self.things[0].centres[:, 1].max() - self.things[0].centres[:, 1]
+        k = int(up.argmax())
+        sentence = f"{self.things[0].name} rises by {up[k]:.2f} times the median depth"
+        if up[k] < MIN_RISE:
+            return f"{sentence}, which is too little to tell when."
+        low = np.flatnonzero(up < up[k] / 2)
+        first, last = low[low < k].max(initial=-1) + 1, low[low > k].min(initial=len(up)) - 1
+        aloft = f"from frame {self.times[first]:.0f} to {self.times[last]:.0f}"
+        return f"{sentence}; it is highest {self._at(k)}, and above half of that {aloft}."
 
     def _two(self) -> tuple[Measured, Measured]:
         if len(self.things) < 2:
