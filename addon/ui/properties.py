@@ -12,8 +12,8 @@ from bpy.props import (
     StringProperty,
 )
 
-from ...f4x_core.edit.resolve import labels_of
 from ...f4x_core.errors import F4xError
+from ...f4x_core.query.knowledge import known_words
 from ...f4x_core.troubles import EXPECTED
 from ..common.wording import error_line
 from ..edits import display, fields, marking
@@ -27,9 +27,9 @@ OFFERED = ("what moves", "what stands still", "everything", "nothing")
 
 
 def _complete(self, context, typed: str) -> list[str]:
-    """Return the labels of the scene's vocabulary that contain the last word typed."""
+    """Return the words that are looked for in the scene and contain the last word typed."""
     try:
-        labels = labels_of(SceneObject(self.id_data).base)
+        labels = known_words(SceneObject(self.id_data).base)
     except F4xError:
         labels = []
     *complete, begun = (word.strip() for word in typed.split(","))

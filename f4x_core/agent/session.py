@@ -28,7 +28,7 @@ from ..edit.operations import Operation, read_operation
 from ..edit.plan import MAX_CANDIDATES
 from ..edit.plan_lines import plan_lines, sizes
 from ..edit.records import read_record
-from ..edit.resolve import EditorState, Resolver, labels_of, rows_of
+from ..edit.resolve import EditorState, Resolver, rows_of
 from ..edit.selects import All, Ids, SelectKind
 from ..edit.stack import Edit, EditStack, of, read_stack
 from ..edit.uncovered import takes_away, uncovered
@@ -39,11 +39,10 @@ from ..geometry.camera import CameraPath
 from ..geometry.trajectory import View
 from ..language.refusal import Doubt
 from ..progress import Progress, silent
-from ..query.inventory import PERSON
+from ..query.knowledge import known_words
 from ..query.labels import encode_labels
 from ..query.marks import Box, Point
 from ..query.matte import matte_image
-from ..query.people import each_person
 from ..query.pixels import coverage_image, heat_map
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
@@ -197,7 +196,7 @@ class Session:
             {"scenes": listed, "scene": self.folder.name(path)} | {name: info[name] for name in counts if name in info},
             {
                 "name": opened.name,
-                "labels": [*labels_of(opened), *each_person(opened, PERSON)],
+                "labels": known_words(opened),
                 "heads": [*info["heads"]],
                 "named": named,
             },

@@ -10,8 +10,7 @@ from ..edit.apply import open_scene
 from ..edit.uncovered import summary_of, uncovered
 from ..printing import one_line
 from ..progress import Progress
-from ..query.inventory import PERSON, labels_of
-from ..query.people import each_person
+from ..query.knowledge import known_words, unknown_kinds
 from ..scene.runs import run_lengths
 
 MARGIN = 11
@@ -27,12 +26,17 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if scene.scaffold is not None:
         runs = run_lengths([scene.scaffold.xyz, scene.scaffold.quat, scene.scaffold.certain])
         info["poses"] = {"all": scene.scaffold.certain.size, "kept": len(runs)}
-    info["words"] = [*labels_of(scene), *each_person(scene, PERSON)]
+    unknown = unknown_kinds(scene)
+    info["words"], info["unknown_words"] = known_words(scene), [*unknown]
     lines = [f"{name + ':':<{MARGIN}}{one_line(value)}" for name, value in summary(info).items()]
     shows = uncovered(scene)
     if shows is not None:
         info["uncovered"] = shows.to_json()
-    long = [("uncovered", summary_of(shows)), ("words", ", ".join(info["words"]) or "none")]
+    words = ", ".join(info["words"]) or "none"
+    if unknown:
+        kinds = ", ".join(dict.fromkeys(unknown.values()))
+        words += f" (not looked for, since the teacher of words knows no {kinds}: {len(unknown)} more)"
+    long = [("uncovered", summary_of(shows)), ("words", words)]
     long += [("reading", sentence) for sentence in sentences(info["provenance"].get("reading"))]
     for title, text in long:
         first = f"{title + ':':<{MARGIN}}"

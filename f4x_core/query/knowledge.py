@@ -14,9 +14,9 @@ from ..scene import Scene
 from ..scene.people import people_of
 from .calibration import evidence
 from .cast import needs_no_teacher
-from .inventory import instead, labels_of
+from .inventory import PERSON, instead, labels_of
 from .labels import Encode, ask_for, text_head
-from .people import names_people
+from .people import each_person, names_people
 from .score import cosines
 from .selection import Selection
 from .smoothing import group_of
@@ -28,9 +28,26 @@ CLEARLY = 0.05
 the label sofa has 0.03 more."""
 
 
+def known_words(scene: Scene) -> list[str]:
+    """Return the words that are looked for in a scene: those that its teacher knows, those for its people and for each of them."""
+    unknown = unknown_kinds(scene)
+    return [label for label in (*labels_of(scene), *each_person(scene, PERSON)) if label not in unknown]
+
+
+def unknown_kinds(scene: Scene) -> dict[str, str]:
+    """Return word of the scene -> its kind of thing, for words that are refused because the teacher knows none of that kind."""
+    kinds = {label: _unknown_kind(scene, label) for label in labels_of(scene)}
+    return {label: kind for label, kind in kinds.items() if kind is not None}
+
+
+def _unknown_kind(scene: Scene, label: str) -> str | None:
+    """Return the kind of thing that `label` names, of which the scene's teacher of words knows none; None where it does."""
+    return None if needs_no_teacher(scene, label) else unknown_kind(text_head(scene).spec.text_encoder or "", label)
+
+
 def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> None:
     """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names."""
-    kind = None if needs_no_teacher(scene, label) else unknown_kind(text_head(scene).spec.text_encoder or "", label)
+    kind = _unknown_kind(scene, label)
     if kind is None:
         return
     _, hint = instead(scene, [label], encode)

@@ -14,6 +14,7 @@ from f4x_core.app import distilling, encoding
 from f4x_core.cli.main import main
 from f4x_core.clip import write_images
 from f4x_core.errors import F4xError
+from f4x_core.features import unknown
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.teachers import TEACHERS
 from f4x_core.fit.vocabulary import with_vocabulary
@@ -220,6 +221,22 @@ def test_naming_and_selecting_what_nobody_answers_to_end_alike(capsys, tmp_path)
         code, out, err = run(capsys, *asked, "--text", "square")
         assert code == 2 and not out and "square: nothing in the scene answers to it" in err
     assert scene.read_bytes() == before and not (tmp_path / "none").exists()
+
+
+def test_info_lists_the_words_that_a_query_looks_for(folder, capsys, monkeypatch):
+    monkeypatch.setitem(unknown.UNKNOWN, "words", {"surfaces": "wall"})
+    _, out, _ = run(capsys, "info", folder / "scene.f4x")
+    assert (
+        "square" in out
+        and "wall" not in out
+        and "(not looked for, since the teacher of words knows no surfaces: 1 more)" in out
+    )
+    _, out, _ = run(capsys, "info", folder / "scene.f4x", "--json")
+    told = json.loads(out)
+    assert "wall" not in told["words"] and told["unknown_words"] == ["wall"]
+    for word in told["words"]:
+        assert "is not looked for" not in run(capsys, "query", folder / "scene.f4x", "--text", word)[2]
+    assert "'wall' is not looked for" in run(capsys, "query", folder / "scene.f4x", "--text", "wall")[2]
 
 
 def test_of_several_words_those_that_nobody_answers_to_are_told(folder, capsys):
