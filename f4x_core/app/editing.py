@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+
+import numpy as np
 
 from ..edit.apply import base_of, open_scene, with_operations
 from ..edit.change import Change
@@ -18,7 +20,7 @@ from ..files import in_place, replace_file
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.engines import Engines
-from ..scene import Scene, updating, write_scene
+from ..scene import PosedSplats, Scene, updating, write_scene
 from .encoding import encoder
 
 OPERATIONS = "operations"
@@ -60,6 +62,21 @@ class Edited:
     def new(self) -> Sequence[Edit]:
         """The edits that were added."""
         return of(self.after).edits[len(self.before.edits) :]
+
+    @property
+    def changes(self) -> bool:
+        """True unless all Gaussians stay as they are at the moments of the new edits, and at the clip's first, middle and last."""
+        if not all(edit.operation.ACTS and edit.operation.taken_back is None for edit in self.new):
+            return True  # names and edits that are taken back need not show
+        first, last = (float(time) for time in self.after.cameras.times[[0, -1]])
+        named = [last if moment is None else float(moment) for edit in self.new for moment in edit.operation.moments]
+        return any(self._differs(time) for time in dict.fromkeys([(first + last) / 2, *named, first, last]))
+
+    def _differs(self, time: float) -> bool:
+        """Return True if any Gaussian is another than before at a clip frame."""
+        one, other = self.before.posed(time), self.after.posed(time)
+        arrays = [each.name for each in fields(PosedSplats) if each.name != "dynamic"]
+        return any(not np.array_equal(getattr(one, name), getattr(other, name)) for name in arrays)
 
     @property
     def uncovered(self) -> Uncovered | None:
@@ -106,6 +123,10 @@ def edit_file(
         if contact_sheet is not None:
             _write_sheet(scene, proposal, request.backend, contact_sheet)
         edited = Edited(scene, preview(scene, proposal.chosen), proposal)
+        if not edited.changes:
+            raise F4xError(
+                "That leaves every Gaussian of the scene as it is, so nothing was written; ask for something else."
+            )
         if grows:
             write_stack(path, of(edited.after))
         elif output is not None and not dry_run:

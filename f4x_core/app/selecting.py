@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from ..files import json_text, replace_file
 from ..progress import Progress, silent
 from ..query.marks import Box, Mark, Mask, Point
 from ..query.matte import mask_video
-from ..query.pixels import coverage_image, heat_map
+from ..query.pixels import SHOWN, coverage_image, heat_map
 from ..query.prompts import (
     SelectOptions,
     at_clip_size,
@@ -86,7 +86,23 @@ def select(scene: Scene, wanted: Wanted, backend: str = "auto", progress: Progre
         if prompted is not None:
             return Found(prompted)
     meant = together(by_words(scene, words, negatives, wanted.threshold, encode=encoder(progress))) if words else None
-    return Found(select_by_evidence(scene, wanted.marks, meant, options))
+    found = select_by_evidence(scene, wanted.marks, meant, options)
+    _require_free(scene, wanted.marks, found, backend)
+    return Found(found)
+
+
+def _require_free(scene: Scene, marks: Sequence[Mark], found: Selection, backend: str) -> None:
+    """Raise F4xError where a point on what is not meant is selected all the same."""
+    for mark in marks:
+        if isinstance(mark, Point) and not mark.on:
+            x, y = mark.at
+            moment = float(scene.cameras.times[mark.frame])
+            covered = coverage_image(scene, found, scene.cameras.at(moment), moment, backend)
+            if covered[int(y), int(x)] > SHOWN:
+                raise F4xError(
+                    f"What is at {x:g},{y:g}, beside the thing, is selected all the same: the two are one thing in this scene. Draw"
+                    " a box or a lasso around the thing, or give a mask of it."
+                )
 
 
 def _prompted(scene: Scene, mark: Mark, options: SelectOptions) -> Selection | None:
@@ -113,7 +129,7 @@ def write_selection(
     def images() -> Iterator[np.ndarray]:
         for index, weights in enumerate(mask_video(scene, selection, film.views, backend, progress=progress)):
             with replace_file(folder / "mask" / f"{index:05d}.png") as file:
-                Image.fromarray((weights > 0.5).astype(np.uint8) * 255).save(file, "PNG")
+                Image.fromarray((weights > SHOWN).astype(np.uint8) * 255).save(file, "PNG")
             camera, time = film.views[index]
             rgb = render(scene, camera, time, ("rgb",), backend)["rgb"]
             yield heat_map(rgb, coverage_image(scene, selection, camera, time, backend, soft=True))

@@ -60,6 +60,22 @@ def test_edit_history_undo_redo_and_the_same_bytes_again(scene, operations, caps
     assert sha(scene) == before
 
 
+def test_an_edit_that_changes_no_gaussian_is_refused(scene, tmp_path, capsys):
+    file, other = tmp_path / "ops.json", tmp_path / "other.f4x"
+    hide = {"op": "opacity", "select": {"by": "moving"}, "factor": 0}
+    file.write_text(json.dumps([hide]))
+    assert main(["edit", str(scene), "--ops", str(file)]) == 0
+    known = sha(scene)
+    for neutral in (hide, {"op": "transform", "select": {"by": "moving"}}):
+        file.write_text(json.dumps([neutral]))
+        for more in ([], ["--dry-run"], ["-o", str(other)]):
+            capsys.readouterr()
+            assert main(["edit", str(scene), "--ops", str(file), *more]) == 2
+            assert "leaves every Gaussian of the scene as it is, so nothing was written" in capsys.readouterr().err
+    assert sha(scene) == known and not other.exists()
+    assert main(["edit", str(scene), "--say", "call the wall rex"]) == 0  # a name need not change any
+
+
 def test_undo_of_more_than_there_are_takes_all_back_and_says_so(scene, operations, capsys):
     f4x(capsys, "edit", scene, "--ops", operations)
     assert main(["undo", str(scene), "--count", "99"]) == 0

@@ -69,6 +69,10 @@ def test_a_click_and_a_word_and_a_click_beside_go_together(folder, capsys, monke
         code, out, _ = run(capsys, "query", folder / "scene.f4x", *click, *more)
         found = json.loads(out)
         assert code == 0 and found["chosen"] > 0 and found["static"] == 0
+    code, _, err = run(
+        capsys, "query", folder / "scene.f4x", *click, "--brush", around, "--beside", f"{left + 4},{top + 4}"
+    )
+    assert code == 2 and f"What is at {left + 4:g},{top + 4:g}, beside the thing, is selected all the same" in err
     monkeypatch.setattr(prompts, "point_out", lambda *evidence, **config: None)
     code, _, err = run(capsys, "query", folder / "scene.f4x", *click, "--beside", "60,5")
     assert code == 2 and "Nothing is left of what is marked" in err
