@@ -50,7 +50,8 @@ def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
     shows = edited.uncovered
     lines += filter(None, [summary_of(shows)])
     written = args.scene if args.output is None else args.output
-    end = f"{written}: {count_of(len(of(scene).in_effect))} in effect; `f4x undo` takes back the last"
+    undo = "`f4x undo` takes back the last" if len(new) == 1 else f"`f4x undo --count {len(new)}` takes these {len(new)} back"
+    end = f"{written}: {count_of(len(of(scene).in_effect))} in effect; {undo}"
     return {
         **found,
         "output": None if args.dry_run else str(written),
