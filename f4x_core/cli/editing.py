@@ -50,7 +50,11 @@ def _result(edited: Edited, args: argparse.Namespace) -> dict[str, Any]:
     shows = edited.uncovered
     lines += filter(None, [summary_of(shows)])
     written = args.scene if args.output is None else args.output
-    undo = "`f4x undo` takes back the last" if len(new) == 1 else f"`f4x undo --count {len(new)}` takes these {len(new)} back"
+    undo = (
+        "`f4x undo` takes back the last"
+        if len(new) == 1
+        else f"`f4x undo --count {len(new)}` takes these {len(new)} back"
+    )
     end = f"{written}: {count_of(len(of(scene).in_effect))} in effect; {undo}"
     return {
         **found,

@@ -101,15 +101,23 @@ def fit_options(sub: argparse.ArgumentParser) -> None:
 def mark_options(sub: argparse.ArgumentParser, point: str) -> None:
     """Marks on a frame of the clip; `point` is what that option is called."""
     sub.add_argument(
-        point, dest="point", metavar="X,Y", help="pixel on the thing, from the upper left corner; with --frame"
+        point,
+        dest="point",
+        metavar="X,Y",
+        help="on the thing, in pixels of the fitted picture (`f4x info` tells its size) from the upper left corner; all marks"
+        " are in these; with --frame",
     )
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
-    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
-    sub.add_argument("--brush", metavar="'X,Y X,Y …'", help="stroke on the thing, through these pixels; with --frame")
+    sub.add_argument("--beside", metavar="X,Y", help="on what is not meant; with a mark on the thing")
+    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom; with --frame")
+    sub.add_argument("--brush", metavar="'X,Y X,Y …'", help="stroke on the thing, through these places; with --frame")
     sub.add_argument(
-        "--brush-width", type=float, default=0.0, metavar="PX", help="width of the stroke (default: a point's)"
+        "--brush-width",
+        type=float,
+        default=0.0,
+        metavar="PX",
+        help="width of the stroke in pixels (default: a point's)",
     )
-    sub.add_argument("--lasso", metavar="'X,Y X,Y …'", help="line around the thing, through these pixels; with --frame")
+    sub.add_argument("--lasso", metavar="'X,Y X,Y …'", help="line around the thing, through these places; with --frame")
     sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the thing; with --frame")
     sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
 
