@@ -7,8 +7,10 @@ from random_scene import random_scene
 from f4x_core.edit import colours
 from f4x_core.edit.apply import edited, with_operations
 from f4x_core.edit.bake import bake
+from f4x_core.edit.language import parse
 from f4x_core.edit.operation.blur import thinning
 from f4x_core.edit.operations import Blur, Duplicate, Glow, Grade, Retime, Swap, Transform
+from f4x_core.edit.request import Request
 from f4x_core.edit.resolve import EditorState, resolve
 from f4x_core.edit.selects import All, Ids, Part
 from f4x_core.edit.stack import of
@@ -30,6 +32,30 @@ def test_contrast_spreads_lights_about_the_mean_and_keeps_tints():
     np.testing.assert_allclose(warm[:, 2] - lab[:, 2], 0.5 * colours.WARM[1] * lab[:, 0], atol=1e-6)
     turned = colours.lab_from_rgb(colours.graded(colours.rgb_from_lab(lab), 1.0, 1.0, 0.0, 0.5, hue=90.0))
     np.testing.assert_allclose(turned[:, 1:], np.stack([-lab[:, 2], lab[:, 1]], 1), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "factor"),
+    [
+        ("exposure +0.5", 2**0.5),
+        ("exposure +1/2 stop", 2**0.5),
+        ("exposure -1", 0.5),
+        ("lower the exposure of the dog by 1/2", 2**-0.5),
+        ("raise the exposure by 0.5 from frame 3", 2**0.5),
+        ("set the exposure to +2", 4.0),
+        ("exposure +50%", 1.5),
+        ("exposure 80", 0.8),
+        ("double the exposure", 2.0),
+    ],
+)
+def test_bare_numbers_of_an_exposure_are_stops(sentence, factor):
+    (operation,) = parse(Request(sentence, ("dog",), fps=24.0, frames=48))
+    assert operation.mode == "multiply" and operation.rgb == pytest.approx((factor,) * 3, abs=1e-3)
+
+
+def test_an_exposure_by_nothing_is_refused():
+    with pytest.raises(F4xError, match=r"say for example 'exposure \+0.5'"):
+        parse(Request("exposure 0", fps=24.0, frames=48))
 
 
 def test_grading_by_nothing_changes_no_bit():

@@ -11,12 +11,13 @@ from ...errors import F4xError
 from ...language.colour_names import COLOURS
 from ...language.degrees import DEGREES, factor
 from ...language.lexicon import PLACES
+from ...language.refusal import Mismatch
 from .. import colours
 from ..change import Change, Ease, Reply, Span, Vector, check_range, check_span
 from ..description import colour_words, number_words, percent_words, strength_words, times_words, whom
 from ..selects import All, Not, SelectKind
 from ..state import Appearance
-from ..values import Value, graded
+from ..values import Value, graded, refused
 from ._color import Dye
 
 if TYPE_CHECKING:
@@ -176,12 +177,29 @@ class Recolour(Dye):
             },
             by="(by|a) <stops>",
         )  # fmt: skip
+        exposure = say.command(
+            "exposure +0.5", exposed, "exposure by", say.WHOLE, verb="![add|adds|adding|added] [{set,become,apply}]",
+            way={"raise|increase|lift|push|boost|up|+|plus": True, "lower|decrease|reduce|drop|cut|down|-|minus": False},
+            exposure="(the|its|their) exposure (:|=|by|of|to|at)",
+            by="(by|of|to|at) [<number>|<fraction>] ![%|percent|per cent|pct|x|times|stop|stops|ev|f|/]",
+        )  # fmt: skip
         fade = say.command(
             "fade to black at the end", fading_to, "verb rgb", say.WHOLE,
             verb="{=fade/dissolve/dip/go/fade out/fade slowly}",
             rgb="[to|into|out to|down to] (a|solid|pure|full|total|complete) <colour>",
         )  # fmt: skip
-        return say.Sentences((hue, tint, rest, light, fade), (quality,), *_colors())
+        return say.Sentences((hue, tint, rest, light, fade), (quality,), *_colors(), early=(exposure,))
+
+
+def exposed(by: float, way: bool = True) -> Value:
+    """The value for so many stops more light, less where not `way`; Mismatch for what are percents."""
+    from ...language.amounts import LEAST_PERCENTS  # with the grammar
+
+    if abs(by) >= LEAST_PERCENTS:
+        raise Mismatch
+    if not by:
+        return refused("That changes nothing; say for example 'exposure +0.5'.")
+    return brightened(2.0 ** (by if way else -by))
 
 
 def _more(rgb: Vector) -> str:
