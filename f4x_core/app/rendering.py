@@ -21,6 +21,7 @@ from ..progress import Progress, silent
 from ..query.matte import matte_image
 from ..query.unseen import unseen_image
 from ..scene import Scene
+from ..scene.believed import BelievedZone
 from ..scene.clouds import COVERED
 from ..scene.view import render
 from ..scene.visualise import colour_depth, colour_motion, depth_range
@@ -53,6 +54,8 @@ class Rendered:
     """Names of the videos."""
     black: tuple[str, ...] = ()
     """Channels `mask:LABEL` of labels that nothing in the scene answers to."""
+    beyond: str = ""
+    """Sentence about frames from farther aside than the scene can be believed; nothing where there are none."""
 
 
 def render_path(scene: Scene, folder: Path | str, options: RenderOptions, progress: Progress = silent) -> Rendered:
@@ -106,7 +109,7 @@ def render_path(scene: Scene, folder: Path | str, options: RenderOptions, progre
     for film, frames in zip(films, filter(None, videos.values()), strict=True):
         write_video(folder / film, np.stack(frames), scene.fps, times_of(scene, options.path, indices))
     black = tuple(name for name, mask in masks.items() if not mask.chosen.any())
-    return Rendered(folder, len(indices), len(chosen), films, black)
+    return Rendered(folder, len(indices), len(chosen), films, black, _beyond(scene, views, indices))
 
 
 def _refuse_unknown(scene: Scene, channels: Sequence[str]) -> None:
@@ -136,6 +139,16 @@ def _views_of(scene: Scene, options: RenderOptions) -> tuple[Trajectory, np.ndar
     return views, chosen, chosen[part_of(len(chosen), options.part, options.video)]
 
 
+def _beyond(scene: Scene, views: Trajectory, indices: np.ndarray) -> str:
+    """Return the sentence about the views `indices` from farther aside than the scene can be believed; nothing without any."""
+    zone = BelievedZone.of(scene)
+    if zone is None:
+        return ""
+    aside = [zone.aside(views[index].camera.center) for index in indices]
+    beyond = [degrees for degrees in aside if degrees > zone.degrees]
+    return f"{len(beyond)} of {len(indices)} frames are from up to {zone.line(max(beyond))}" if beyond else ""
+
+
 def _render_shots(scene: Scene, folder: Path, options: RenderOptions, progress: Progress) -> Rendered:
     """Write `folder/00000.exr` … with all passes of a frame, or with motion blur and depth of field `folder/rgb/00000.png` …."""
     from . import shots
@@ -162,7 +175,7 @@ def _render_shots(scene: Scene, folder: Path, options: RenderOptions, progress: 
     progress("render", len(indices), len(indices))
     if videos:
         write_video(folder / "rgb.mp4", np.stack(videos), scene.fps, times_of(scene, options.path, indices))
-    return Rendered(folder, len(indices), len(chosen))
+    return Rendered(folder, len(indices), len(chosen), beyond=_beyond(scene, views, indices))
 
 
 def part_of(count: int, part: str | None, video: bool = False) -> range:

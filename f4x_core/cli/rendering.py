@@ -26,4 +26,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if done.black:
         result["note"] = f"nothing in the scene answers to {', '.join(done.black)}: black pictures"
         text += f"; {result['note']}"
+    if done.beyond:
+        result["beyond"] = done.beyond
+        text += f"\n! {done.beyond}"
     return {**result, "text": text}

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from labelled_scene import labelled_scene
 
+from f4x_core.cli.main import main
+from f4x_core.scene import write_scene
 from f4x_core.scene.believed import RING, BelievedZone
 
 
@@ -44,3 +46,16 @@ def test_what_is_said_beyond_it(zone):
 @pytest.mark.parametrize("known", [{}, {"believed_degrees": None}, {"believed_degrees": 95}])
 def test_there_is_none_where_the_fit_did_not_tell(known):
     assert BelievedZone.of(labelled_scene(provenance=known)) is None
+
+
+@pytest.mark.parametrize("more", [[], ["--exr"]])
+def test_a_path_beyond_it_is_told_and_one_within_is_not(tmp_path, capsys, more):
+    write_scene(labelled_scene(provenance={"believed_degrees": 3.0}), tmp_path / "scene.f4x")
+    render = ["render", str(tmp_path / "scene.f4x"), "-o", str(tmp_path / "out"), *more, "--path"]
+    assert main([*render, "orbit", "--degrees", "8"]) == 0
+    assert "! 6 of 6 frames are from up to 8° beside the clip's camera: guesswork (good up to about 3°)" in (
+        capsys.readouterr().out
+    )
+    for within in (["orbit", "--degrees", "2"], ["original"]):
+        assert main([*render, *within]) == 0
+        assert "guesswork" not in capsys.readouterr().out
