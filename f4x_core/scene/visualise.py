@@ -78,13 +78,13 @@ def colour_motion(motion: np.ndarray, largest: float) -> np.ndarray:
 
 def labelled_grid(
     rows: Sequence[Sequence[np.ndarray]],
-    row_names: Sequence[str],
+    frames: Sequence[str],
     column_names: Sequence[str],
     marked: int | None = None,
 ) -> Image.Image:
     """Return the pictures of one size (H,W,3) uint8 in a grid with labels; wide ones are shrunk to `CELL_WIDTH`. Needs Pillow.
 
-    The column `marked` is framed.
+    Each row has the number of its clip frame beside it. The column `marked` is framed.
     """
     from PIL import Image, ImageDraw, ImageFont
 
@@ -97,9 +97,10 @@ def labelled_grid(
     if marked is not None:
         left = MARGIN + marked * step_x - GAP
         draw.rectangle((left, LABEL_HEIGHT - GAP, left + step_x + GAP - 1, sheet.height - 1), MARK)
+    draw.text((MARGIN - 2 * GAP, LABEL_HEIGHT / 2), "frame", INK, ImageFont.load_default(12), anchor="rm")
     for column, label in enumerate(column_names):
         draw.text((MARGIN + column * step_x + width / 2, LABEL_HEIGHT / 2), label, INK, font, anchor="mm")
-    for row, (cells, name) in enumerate(zip(rows, row_names, strict=True)):
+    for row, (cells, name) in enumerate(zip(rows, frames, strict=True)):
         top = LABEL_HEIGHT + row * step_y
         draw.text((MARGIN - 2 * GAP, top + height / 2), name, INK, font, anchor="rm")
         for column, cell in enumerate(cells):

@@ -41,7 +41,8 @@ def test_cells_show_what_their_labels_say():
         for aside in ("from the right", "from above"):
             assert np.abs(cell(sheet, row, aside).astype(int) - drawn).mean() > 2  # another view, not a black one
             assert cell(sheet, row, aside).mean() > 0.5 * drawn.mean()
-    assert (sheet[:LABEL_HEIGHT] < 128).any()  # labels
+    assert (sheet[:LABEL_HEIGHT, MARGIN:] < 128).any() and (sheet[LABEL_HEIGHT:, :MARGIN] < 128).any()  # labels
+    assert (sheet[:LABEL_HEIGHT, :MARGIN] < 128).any()  # "frame" above the numbers
     assert (cell(sheet, 0, "motion").astype(int) != 255).any()  # something moves
 
 
