@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from .judge import judge
 from .records import Record, mapped
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
-from .selects import Ids, SelectKind, Text
+from .selects import Ids, Not, SelectKind, Text, parts_of
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
@@ -116,7 +116,7 @@ def propose(
                 offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))
                 raise Refusal(error.reason, offered).behind(notes) from error
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
-                raise Refusal(reason, language.nearest(sentence, _there(scene))) from error
+                raise Refusal(reason, _offered(sentence, asked, _there(scene))) from error
             if notes:
                 raise F4xError(reason) from error
             raise
@@ -182,6 +182,18 @@ def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
 def _there(scene: Scene) -> tuple[str, ...]:
     """Labels that examples may speak of."""
     return tuple(words_there(scene)[0]) if labels_of(scene) else ()
+
+
+def _offered(sentence: str, asked: Sequence[Change], there: Sequence[str]) -> tuple[str, ...]:
+    """Commands about what is `there`, in place of a sentence about what is not.
+
+    A sentence that spares a thing is offered again with another one spared: nobody who says "everything but" means the rest.
+    """
+    if not any(isinstance(part, Not) for operation in asked for part in parts_of(operation.select)):
+        return language.nearest(sentence, there)
+    absent = [word for word in words_in(tuple(asked)) if word not in there and word in sentence]
+    others = [word for word in there if word not in sentence]
+    return (sentence.replace(absent[0], others[0]),) if absent and others else ()
 
 
 def words_in(value: Any) -> Iterator[str]:

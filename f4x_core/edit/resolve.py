@@ -337,7 +337,7 @@ class Resolver:
                 f"In the scene '{scene.name}' the selection is empty at this place in the edits; select something else."
             )
         best = float(self.selection(scene, words).scores.max(initial=0))
-        if isinstance(select, And) and best >= words.threshold:
+        if isinstance(select, And | Not) and best >= words.threshold:
             one = any(isinstance(part, Instance) for part in parts_of(select))
             reason = f"there is only one of {whom(words)}, so " if one else ""
             return f"In the scene '{scene.name}' {reason}nothing is left of {whom(select)}."

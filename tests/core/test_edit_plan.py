@@ -666,6 +666,20 @@ def test_examples_of_a_refusal_are_about_the_scene(scene):
         assert {"square", "wall"} & nouns and not {"cat", "dog", "sky", "car"} & nouns
 
 
+@pytest.mark.parametrize("spared", ["everything but the {}", "everything except the {}"])
+def test_what_is_spared_and_not_there_is_offered_with_another_thing_spared(scene, spared):
+    with pytest.raises(Refusal, match="'cat'") as refused:
+        plan.propose(with_words(scene, "cat"), f"make {spared.format('cat')} red from frame 2", HERE)
+    (offered,) = refused.value.nearest
+    thing = next(thing for thing in ("square", "wall") if thing in offered)
+    assert offered == f"make {spared.format(thing)} red from frame 2"
+
+
+def test_sparing_all_there_is_leaves_nothing(scene):
+    with pytest.raises(Refusal, match="nothing is left of everything except the wall"):
+        plan.propose(scene, "make everything but the wall red", HERE)  # a scene without a null vector: it is all of it
+
+
 def solid_square(scene):
     """The moving square as fits have things: several layers of Gaussians behind one another, opaque as a whole."""
     side = np.linspace(-0.12, 0.12, 9)
