@@ -24,7 +24,6 @@ from ..fit.linear_config import LinearConfig
 from ..fit.pipeline import CHECKPOINT, fit_clip
 from ..priors import Priors, build_priors
 from ..priors.providers import STAGES
-from ..priors.sizes import moving_masks
 from ..progress import Progress, silent
 from ..report.advice import about_cuts, quality, verdict
 from ..report.fitted import FittedScene
@@ -126,7 +125,7 @@ def fit_at_once(
         write_diagnostics,
     )
 
-    wanted = Figures(baselines=True, masks=moving_masks(result.priors, clip.width, clip.height))
+    wanted = Figures(baselines=True, masks=result.moving)
     metrics = evaluate(result.scene, clip, wanted, config.backend, progress)
     scene, figures = keep_measured(folder, result.scene, metrics, seconds=result.seconds)
     path = folder / "scene.f4x"

@@ -61,6 +61,8 @@ class FitResult:
     """Wall time per stage of this call."""
     shortages: tuple[Shortage, ...] = ()
     """The sets of which less was allowed than the clip asked for."""
+    moving: dict[int, np.ndarray] | None = None
+    """Clip frame -> (H,W) bool of moving pixels by the priors, at the size of the pictures; None where there are no masks."""
 
 
 def fit_clip(
@@ -117,14 +119,14 @@ class ClipFit:
         self._record("photometric", clock)
         result = self.finish(trainer)
         scene = with_people_of(completed(result.scene) if self.whole else result.scene, priors)
+        moving = moving_masks(priors, self.clip.width, self.clip.height)
         if self.whole:
             clock = time.perf_counter()
             with side_by_side(self.config.kernels.threads):
-                masks = moving_masks(priors, self.clip.width, self.clip.height)
-                scene = tinted_scene(scene, self.clip, self.config.tints, masks, self.config.backend, self.progress)
+                scene = tinted_scene(scene, self.clip, self.config.tints, moving, self.config.backend, self.progress)
             self._record("colors over time", clock)
         known = {**scene.provenance, "believed_degrees": _believed(priors)}
-        return replace(result, priors=priors, scene=replace(scene, provenance=known))
+        return replace(result, priors=priors, scene=replace(scene, provenance=known), moving=moving)
 
     def _record(self, stage: str, since: float) -> float:
         """Note the seconds of a stage; returns the time now."""

@@ -28,7 +28,6 @@ from ..fit.settings import list_settings, set_fields
 from ..geometry.camera import CameraPath
 from ..geometry.trajectory import original
 from ..priors.config import config_hash
-from ..priors.sizes import moving_masks
 from ..processes import START, run_verb
 from ..progress import Progress
 from ..scene import Scene, read_scene, write_scene
@@ -152,7 +151,7 @@ class WindowRequest:
         )
 
         scene = result.scene
-        wanted = Figures(baselines=True, masks=moving_masks(result.priors, clip.width, clip.height))
+        wanted = Figures(baselines=True, masks=result.moving)
         near = near_path(scene)
         metrics = evaluate(near, clip, wanted, backend, progress)
         images = render_previews(near, metrics, backend)
