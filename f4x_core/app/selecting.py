@@ -86,18 +86,18 @@ def select(scene: Scene, wanted: Wanted, backend: str = "auto", progress: Progre
         if prompted is not None:
             return Found(prompted)
     meant = together(by_words(scene, words, negatives, wanted.threshold, encode=encoder(progress))) if words else None
-    found = select_by_evidence(scene, wanted.marks, meant, options)
-    _require_free(scene, wanted.marks, found, backend)
-    return Found(found)
+    selection = select_by_evidence(scene, wanted.marks, meant, options)
+    _require_free(scene, wanted.marks, selection, backend)
+    return Found(selection)
 
 
-def _require_free(scene: Scene, marks: Sequence[Mark], found: Selection, backend: str) -> None:
+def _require_free(scene: Scene, marks: Sequence[Mark], selection: Selection, backend: str) -> None:
     """Raise F4xError where a point on what is not meant is selected all the same."""
     for mark in marks:
         if isinstance(mark, Point) and not mark.on:
-            x, y = mark.at
+            x, y = np.asarray(mark.at, float).reshape(2)
             moment = float(scene.cameras.times[mark.frame])
-            covered = coverage_image(scene, found, scene.cameras.at(moment), moment, backend)
+            covered = coverage_image(scene, selection, scene.cameras.at(moment), moment, backend)
             if covered[int(y), int(x)] > SHOWN:
                 raise F4xError(
                     f"What is at {x:g},{y:g}, beside the thing, is selected all the same: the two are one thing in this scene. Draw"
