@@ -400,7 +400,8 @@ lasting: how-long thing move start?
 seeing: how-long thing visible can?
 size: big thing covers?
 far: far thing move | far thing crosses | far thing get
-motion: when thing move start? | when thing stop move? | when thing set-off move?
+stops: when thing stop move?
+motion: when thing move start? | when thing set-off move?
 enter: when start? thing enter
 leave: when thing leave | when thing gone
 seen: when thing visible can? | when thing hidden

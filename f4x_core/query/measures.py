@@ -397,8 +397,9 @@ class Comparison:
         return f"standing still: {', '.join(names) or 'nothing that the scene has a word for'}."
 
     def _stops(self) -> str:
-        speed = self._speeds()
-        still = np.flatnonzero(speed < MOVES)
+        moving = self._speeds() >= MOVES
+        still = np.flatnonzero(~moving)
+        still = still[still >= moving.argmax()]  # before it moves it has not stopped
         if not len(still):
             return _polar(self.asked.yes(False), f"{self.things[0].name} moves all the time.")
         return _polar(self.asked.yes(True), f"{self.things[0].name} stands still {self._at(int(still[0]))}.")

@@ -72,6 +72,8 @@ STAIRS = np.array([0.0, 0.3, 0.3, 0.9, 1.0])
          f"; over that time 2.00 to 6.00."),
         ("stops", thing("it", [0, 0.3, 0.6, 0.6, 0.6]), {"polar": True}, "Yes: it stands still at frame 3 (0.3 s)."),
         ("stops", thing("it", [0, 0.3, 0.6, 0.9, 1.2]), {"polar": True}, "No: it moves all the time."),
+        ("stops", thing("it", [0, 0, 0.3, 0.6, 0.6]), {}, "it stands still at frame 4 (0.4 s)."),
+        ("stops", thing("it", 0.5), {}, "it stands still at frame 0 (0.0 s)."),
         ("path", DOG, {}, "the dog goes: 0% from the left, 75% from the top at frame 0 (0.0 s); then 62% from the left,"
                           " 25% from the top at frame 2 (0.2 s); then 78% from the left, 100% from the top at frame 4 (0.4 s)."),
         ("when_turns", thing("it", [0, 1, 2, 2, 2], 0, [1, 1, 1, 2, 3]), {}, f"it turns most at frame 1 (0.1 s); {LOOKS}"),

@@ -25,8 +25,8 @@ seen + dog: during which frames is the dog visible? | dog visible when? | when c
     view
 seeing + dog: for how long is the dog in the picture? | how many seconds can you see the dog | how long is the dog
     visible
-motion + scooter: at what time the scooter stops? | when does the scooter come to a halt | from which second is the
-    scooter moving | when exactly does the scooter start to move?
+stops + scooter: at what time the scooter stops? | when does the scooter come to a halt
+motion + scooter: from which second is the scooter moving | when exactly does the scooter start to move?
 order + wagons: in what order do the wagons start moving | which of the wagons moves first | list the wagons from left
     to right | in which order do the wagons stand from left to right?
 count_moving + camels: how many of the camels move | how many camels are moving | how many camels walk
@@ -123,7 +123,7 @@ def test_a_verb_before_a_thing_says_which_kind_it_is(compound):
         ("where is the {} at second 1?", "where", 1),
         ("how fast does the {} move", "fast", 1),
         ("is the {} moving?", "motion", 1),
-        ("when does the {} stop", "motion", 1),
+        ("when does the {} stop", "stops", 1),
         ("how far is the {} from the tree", "distance", 2),
     ):
         (asked,) = read_question(asks.format(compound), FPS, FRAMES, labels=labels)
