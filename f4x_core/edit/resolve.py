@@ -389,13 +389,18 @@ class Settling:
         """Return True if a shadow goes along: not with a part of a thing, nor where words speak of a shadow themselves."""
         return not any(isinstance(part, Part) or _cast_words(part) for part in parts_of(self.operation.select))
 
+    @property
+    def _there(self) -> np.ndarray:
+        """(N,) bool: the rows that may go along; hidden ones, too, where it can bring them back."""
+        return ~splat_rows(self.scene).gone if self.operation.brings_back else not_deleted(self.scene)
+
     def attached(self, lifted: bool = False) -> Ids | None:
         """Return the shadow and loose edges of its selection; those of a thing that is `lifted` without the shadow."""
-        return _attached(self.scene, self.rows, lifted)
+        return _attached(self.scene, self.rows, self._there, lifted)
 
     def with_attached(self, select: SelectKind) -> SelectKind:
         """A selection with what goes along with it."""
-        along = _attached(self.scene, rows_of(self.scene, select))
+        along = _attached(self.scene, rows_of(self.scene, select), self._there)
         return select if along is None else Or((select, along))
 
 
@@ -434,11 +439,14 @@ def _without_own_shadow(operation: Change) -> Change:
     return operation.altered(select=replace(select, labels=things)) if things and shadows else operation
 
 
-def _attached(scene: Scene, rows: np.ndarray, lifted: bool = False) -> Ids | None:
-    """Return the shadow and loose edges of the Gaussians `rows (n,)`, without the shadow where they are `lifted`; None: nothing."""
+def _attached(scene: Scene, rows: np.ndarray, there: np.ndarray, lifted: bool = False) -> Ids | None:
+    """Return the shadow and loose edges of the Gaussians `rows (n,)` that are `there (N,)` bool; None: nothing.
+
+    Those that are `lifted` leave their shadow.
+    """
     count = len(scene.base.ids)  # copies have the shadow that was copied with them
     chosen = np.isin(np.arange(count), rows)
-    shadow, edges = (each & not_deleted(scene)[:count] for each in attached_to(scene.base, chosen))
+    shadow, edges = (each & there[:count] for each in attached_to(scene.base, chosen))
     shadow &= not lifted
     words = "its shadow" if shadow.any() else "its edges"
     along = shadow | edges

@@ -68,6 +68,17 @@ def test_the_picture_is_as_if_it_had_never_been_there():
     np.testing.assert_array_equal(without[:, half:], drawn(SCENE)[:, half:])  # the other one is untouched
 
 
+def test_what_is_shown_again_has_its_shadow_again():
+    scene = SCENE
+    for sentence in ("hide it", "show it again"):
+        scene = with_operations(scene, *propose(scene, sentence, STATE).chosen.operations)
+    np.testing.assert_array_equal(drawn(scene), drawn(SCENE))
+    removed = with_operations(
+        SCENE, Delete(Ids.of(SCENE.ids[SHADOW])), resolve(SCENE, Opacity(IDS, 0.0), EditorState())
+    )
+    assert not along(Opacity(IDS, 10.0), edited(removed))[SHADOW].any()  # what is gone for good stays gone
+
+
 @pytest.mark.parametrize(
     "operation", [Recolour(IDS, (1.0, 0.0, 0.0)), Extract(IDS)], ids=lambda operation: operation.TAG
 )
