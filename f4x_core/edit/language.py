@@ -627,6 +627,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
         if (needed := command.needed - {"who"})
         and command.make not in (REMARK, AGAIN)
         and matches_of(command.slots, needed, reading)
+        and (not there or len({*_EXAMPLE_THING.findall(command.example)}) <= len(named or there))
     ]
     done = {example: operations_of(example, there) for example in examples}
     fitting = [example for example, does in done.items() if does and not any(map(removes, does))]

@@ -17,7 +17,7 @@ from f4x_core.edit import plan
 from f4x_core.edit.apply import edited, pivot_of, with_operations
 from f4x_core.edit.description import describe
 from f4x_core.edit.display import Display
-from f4x_core.edit.language import Refusal
+from f4x_core.edit.language import Refusal, nearest
 from f4x_core.edit.operations import (
     Blur,
     Delete,
@@ -664,6 +664,12 @@ def test_examples_of_a_refusal_are_about_the_scene(scene):
             plan.propose(with_words(scene, "cat"), sentence, HERE)
         nouns = {word for one in refused.value.nearest for word in one.split()}
         assert {"square", "wall"} & nouns and not {"cat", "dog", "sky", "car"} & nouns
+
+
+def test_examples_about_more_things_than_there_are_are_left_out():
+    several = nearest("put on it", ("square", "wall"))
+    assert any({"square", "wall"} <= {*example.split()} for example in several)
+    assert nearest("put on it", ("square",)) == ()
 
 
 @pytest.mark.parametrize("spared", ["everything but the {}", "everything except the {}"])
