@@ -464,7 +464,7 @@ def test_eval_with_the_wrong_clip_or_joints_is_refused(tmp_path, capsys, fitted)
     clip, out = fitted
     shorter = write_frames(tmp_path / "shorter", filmed(5))
     higher = write_frames(tmp_path / "higher", filmed(6)[:, :30])
-    assert "shorter: the clip has 5 frames" in refuses(capsys, "eval", out / "scene.f4x", "--clip", shorter)
+    assert "shorter has frames 0:5, frames 0:6" in refuses(capsys, "eval", out / "scene.f4x", "--clip", shorter)
     assert "higher: the clip has 6 frames of 64x30" in refuses(capsys, "eval", out / "scene.f4x", "--clip", higher)
     (tmp_path / "joints.json").write_text("{not json")
     words = refuses(capsys, "eval", out / "scene.f4x", "--clip", clip, "--joints", tmp_path / "joints.json")
