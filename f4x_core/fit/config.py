@@ -346,7 +346,7 @@ class FitConfig:
 def _quick() -> FitConfig:
     return FitConfig(
         name="quick",
-        ending=EndingConfig(min_gain=0),
+        ending=EndingConfig(min_gain=0.0),
         steps=1200,
         coarse=0.15,
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
@@ -369,7 +369,7 @@ def _quick() -> FitConfig:
 def _nvidia() -> FitConfig:
     return FitConfig(
         name="nvidia",
-        ending=EndingConfig(min_gain=0),
+        ending=EndingConfig(min_gain=0.0),
         rates=RateConfig(lifetimes=0),
         steps=8000,
         max_sh_degree=3,
@@ -383,7 +383,7 @@ def _nvidia() -> FitConfig:
 def _dycheck() -> FitConfig:
     return FitConfig(
         name="dycheck",
-        ending=EndingConfig(min_gain=0),
+        ending=EndingConfig(min_gain=0.0),
         rates=RateConfig(lifetimes=0),
         steps=8000,
         max_sh_degree=3,
@@ -396,7 +396,7 @@ def _dycheck() -> FitConfig:
 def _f4x_davis() -> FitConfig:
     return FitConfig(
         name="f4x_davis",
-        ending=EndingConfig(min_gain=0),
+        ending=EndingConfig(min_gain=0.0),
         rates=RateConfig(lifetimes=0),
         steps=5000,
         shifts=(2, 4),
