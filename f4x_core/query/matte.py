@@ -7,7 +7,7 @@ moves, by its difference from the background behind; a random walker with priors
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,10 @@ from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory, View
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.clouds import Cloud, Composite
+from ..scene.clouds import Cloud
+from ..scene.color import srgb_from_linear
+from ..scene.exposure import Take
+from ..scene.stage import MATTE, DrawSettings, draw
 from ..scene.view import render
 from .growing import walk_with_prior
 from .k_means import k_means, nearest
@@ -28,6 +31,12 @@ from .selection import Selection
 from .standing_out import BEHIND, unlike
 from .superpixels import OPPONENT
 
+OBJECTS = f"{MATTE}object"
+"""Pass of mattes that tells the selections of a scene apart."""
+MOVES = "moving"
+"""Layer of a cloud, (N,1): 1 for the Gaussians that move."""
+ABSENT = 1e-6
+"""Coverage below which nothing is covered."""
 UNCERTAIN = 0.02
 """Least probability of a pixel by its coverage alone, and of its opposite: so log-odds stay finite."""
 
@@ -59,6 +68,37 @@ def mattes(
         for k, own in enumerate(np.moveaxis(coverage, -1, 0))
     ]
     return np.stack(parts, -1)
+
+
+def refine_passes(
+    images: Mapping[str, np.ndarray], take: Take, settings: DrawSettings, selections: Collection[int]
+) -> dict[str, np.ndarray]:
+    """Return the passes of `images` that show selections, (H,W) each, refined along their outlines.
+
+    These are `selection`, the mattes of `OBJECTS` with the ids `selections`, and the other mattes, which cover what is left.
+
+    Args:
+        images: passes of `exposure.shoot`, sharp.
+        take: what they show; its clouds tell by the layer `MOVES` which Gaussians move.
+        settings: those with which they were drawn.
+        selections: uint32 ids of selections.
+    """
+    chosen = {_pass_of(number): [cloud.mattes.get("object") == number for cloud in take.clouds] for number in selections}
+    chosen["selection"] = [np.ravel(cloud.layers.get("selection", 0)) > 0 for cloud in take.clouds]
+    moves = {name: _moves(take.clouds, rows) for name, rows in chosen.items() if name in images}
+    if not moves:
+        return {}
+    combined = images["combined"]
+    alpha = combined[..., 3:]
+    picture = srgb_from_linear(combined[..., :3] / np.where(alpha > 0, alpha, 1)) * alpha
+    under = _without_movers(take, settings, [OBJECTS]) if any(moves.values()) else {}
+    behind = np.dstack([under["rgb"], under["alpha"]]) if under else None
+    wider, config = take.camera.width / picture.shape[1], SELECT.matte  # a region of the picture
+    config = replace(config, reach=config.reach * wider, window=config.window * wider)
+    fine = {name: refine_matte(images[name], picture, behind if moves[name] else None, config) for name in moves}
+    parts = {name: image for name, image in fine.items() if name.startswith(OBJECTS)}
+    whole = {name: image for name, image in images.items() if parts and name.startswith(OBJECTS)}
+    return fine | _shared_out(whole, parts, under)
 
 
 def mask_video(
@@ -102,11 +142,45 @@ def refine_matte(
 
 def _background(scene: Scene, view: View, backend: str) -> np.ndarray:
     """Return (H,W,4) sRGB and alpha of the scene without its moving Gaussians."""
-    camera, time = view
-    cloud = Cloud.of_posed(scene.posed(time), scene.fitted_focal(time))
-    cloud = replace(cloud, opacities=cloud.opacities * ~scene.moving)
-    drawn = Composite.of([cloud], [{"rgb": cloud.colors(camera.center)}], {"rgb": 3}, camera).draw(backend)
-    return np.concatenate([drawn.layers["rgb"], drawn.alpha[..., None]], -1)
+    cloud = replace(Cloud.of_scene(scene, view.time), layers={MOVES: scene.moving[:, None]})
+    still = _without_movers(Take([cloud], [], view.camera), DrawSettings(backend=backend))
+    return np.dstack([still["rgb"], still["alpha"]])
+
+
+def _pass_of(number: int) -> str:
+    return f"{OBJECTS}:{number:08x}"
+
+
+def _moves(clouds: Collection[Cloud], chosen: Collection[np.ndarray]) -> bool:
+    """Return True if most of the Gaussians `chosen`, (N,) bool of each cloud, move."""
+    pairs = [(rows, np.ravel(cloud.layers.get(MOVES, 0)) > 0) for cloud, rows in zip(clouds, chosen, strict=True)]
+    return sum((rows & moving).sum() for rows, moving in pairs) > MOSTLY * sum(np.sum(rows) for rows, _ in pairs)
+
+
+def _without_movers(take: Take, settings: DrawSettings, passes: Collection[str] = ()) -> dict[str, np.ndarray]:
+    """Return `stage.draw` of what was taken without its moving Gaussians."""
+    still = [
+        replace(cloud, opacities=cloud.opacities * (np.ravel(cloud.layers.get(MOVES, 0)) == 0)) for cloud in take.clouds
+    ]
+    return draw(still, take.surfaces, take.camera, settings, passes=passes)
+
+
+def _shared_out(
+    mattes: Mapping[str, np.ndarray], fine: Mapping[str, np.ndarray], under: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Return mattes (H,W) that together cover what `mattes` do: `fine`, no more than that, and the others the rest.
+
+    What none of them covers goes to what is behind: `under`, passes without what moves.
+    """
+    covered, wanted = (np.sum([*each.values()], 0) for each in (mattes, fine))
+    cut = np.minimum(1, covered / np.maximum(wanted, ABSENT))
+    others = {
+        name: image + ABSENT * (under.get(name, image.mean()) + ABSENT)
+        for name, image in mattes.items()
+        if name not in fine
+    }
+    rest = (covered - wanted * cut) / np.sum([*others.values()], 0) if others else 0
+    return {name: each * cut for name, each in fine.items()} | {name: each * rest for name, each in others.items()}
 
 
 def _colour_odds(
