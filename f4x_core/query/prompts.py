@@ -17,6 +17,7 @@ from ..geometry.camera import CameraPath
 from ..language.cast_words import caster, is_cast
 from ..progress import Progress, silent
 from ..scene import Scene
+from ..scene.people import people_of
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
 from .cast import cast_of, without_shadow
@@ -25,7 +26,7 @@ from .following import decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
-from .objects import point_out
+from .objects import MOSTLY, graph_of, point_out
 from .people import is_of_people, person_at, rows_of_people
 from .pixels import label_scores
 from .score import THRESHOLD, target_score
@@ -179,7 +180,7 @@ def _pointed_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> 
     if len(marks) == 1 and marks[0].on and not marks[0].around:  # a click on a person means the person
         person = person_at(scene, marks[0].pixels(size) > 0, marks[0].frame, options.part)
         if person is not None:
-            return person.astype(float)
+            return (person if options.part else whole_person(scene, person, marks, options.config)).astype(float)
     chosen = point_out(scene, marks, config=options.config)
     frames = [mark.frame for mark in marks]
     return (
@@ -187,6 +188,21 @@ def _pointed_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> 
         if chosen is None
         else follow_thing(scene, chosen, frames, options.config, options.backend, options.progress)
     )
+
+
+def whole_person(scene: Scene, person: np.ndarray, marks: Sequence[Mark], config: SelectConfig = SELECT) -> np.ndarray:
+    """(N,) bool: the Gaussians of a `person (N,)` bool, and of all that `marks` point out where most of it is the person's.
+
+    A fit finds a person in some frames and not in others; clothes, hair and what is carried move along. A horse is more than its
+    rider.
+    """
+    chosen, people = point_out(scene, marks, config=config), people_of(scene)
+    if chosen is None or people is None or not chosen[scene.moving].any():
+        return person
+    superpoints = graph_of(scene, config).moving
+    count = superpoints.gather(np.ones(len(person)))
+    own, thing = (superpoints.weight @ (superpoints.gather(rows) / count) for rows in (chosen * person, chosen))
+    return person | (chosen > 0) & (people.person == 0) if own > MOSTLY * thing else person
 
 
 def _followed(scene: Scene, prompts: dict[int, dict], options: SelectOptions) -> np.ndarray:
