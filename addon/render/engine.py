@@ -220,7 +220,9 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             self.update_progress(done / total)
             self.update_stats("Feature4X", f"{view} row {done} of {total}".lstrip())
 
-        settings = stage.DrawSettings(seen.near, seen.far, background, mist=_mist(scene.world, seen.back), region=region)
+        settings = stage.DrawSettings(
+            seen.near, seen.far, background, mist=_mist(scene.world, seen.back), region=region
+        )
         images = shoot(
             self._takes(depsgraph, more, view),
             _exposure(scene, depsgraph, seen.back),

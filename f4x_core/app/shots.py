@@ -106,7 +106,11 @@ def take(
         return shoot(take_at, exposure, settings, passes)
     selections = [*map(identify, mattes.names[1:])]
     return shoot(
-        take_at, exposure, settings, passes, refine=lambda images, take: refine_passes(images, take, settings, selections)
+        take_at,
+        exposure,
+        settings,
+        passes,
+        refine=lambda images, take: refine_passes(images, take, settings, selections),
     )
 
 

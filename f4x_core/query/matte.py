@@ -83,7 +83,9 @@ def refine_passes(
         settings: those with which they were drawn.
         selections: uint32 ids of selections.
     """
-    chosen = {_pass_of(number): [cloud.mattes.get("object") == number for cloud in take.clouds] for number in selections}
+    chosen = {
+        _pass_of(number): [cloud.mattes.get("object") == number for cloud in take.clouds] for number in selections
+    }
     chosen["selection"] = [np.ravel(cloud.layers.get("selection", 0)) > 0 for cloud in take.clouds]
     moves = {name: _moves(take.clouds, rows) for name, rows in chosen.items() if name in images}
     if not moves:

@@ -7,6 +7,8 @@ different clusters most of the time belong to different movers.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .connected_objects import connect
@@ -17,7 +19,7 @@ ROUNDS = 30
 NEAREST = 2
 """Rank, from 0, of the neighbour that a superpoint's distances are measured by: where a thing has few, they lie farther apart."""
 UNKNOWN = -1
-"""Mover of a superpoint that nothing tells it of."""
+"""Mover of a superpoint that nothing tells of, and cluster of one that is in none."""
 
 
 def movers_of(
@@ -32,13 +34,15 @@ def movers_of(
         bonds: (P,P) between neighbours; they decide for what is there while movers touch alone.
         config: thresholds.
     """
-    apart, together = _apart(places, presence > 0, weight, config)
     mover = np.where(weight > 0, 0, UNKNOWN)
-    open_, count = [0], 1
+    cluster = _clusters(places, (presence > 0) & (weight > 0)[:, None], weight, config)
+    if cluster.max(initial=0) == 0:  # never more than one
+        return mover
+    meetings, open_, count = _Meetings.of(cluster), [0], 1
     while open_:
         rows = np.flatnonzero(mover == open_.pop())
-        one, other = _halves(*(each[np.ix_(rows, rows)] for each in (apart, together)), weight[rows], config)
-        if one.any() and other.any():
+        one, other = meetings.among(rows).halves(weight[rows], config)
+        if one.any():
             mover[rows[~one & ~other]] = UNKNOWN
             mover[rows[other]] = count
             open_ += [int(mover[rows[one][0]]), count]
@@ -47,51 +51,71 @@ def movers_of(
     return np.where((mover == UNKNOWN) & (weight > 0) & beside.any(1), beside.argmax(1), mover)
 
 
-def _apart(
-    places: np.ndarray, there: np.ndarray, weight: np.ndarray, config: MoverConfig
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (P,P) float64 each: at how many times two superpoints lie in different clusters, and in any at all."""
-    apart, together = (np.zeros((len(weight), len(weight)), np.float32) for _ in range(2))
-    for place, present in zip(places.swapaxes(0, 1), there.T, strict=True):
-        here = np.flatnonzero(present & (weight > 0))
+def _clusters(places: np.ndarray, there: np.ndarray, weight: np.ndarray, config: MoverConfig) -> np.ndarray:
+    """Return (P,T) int64: the cluster of each superpoint at each time, from 0; `UNKNOWN` if in no large one."""
+    found = np.full(there.shape, UNKNOWN)
+    for time, present in enumerate(there.T):
+        here = np.flatnonzero(present)
         if len(here) <= NEAREST + 1:
             continue
-        squares = (place[here] ** 2).sum(1)
-        far = np.maximum(squares[:, None] + squares - 2 * place[here] @ place[here].T, 0)
+        place = places[here, time]
+        squares = (place**2).sum(1)
+        far = np.maximum(squares[:, None] + squares - 2 * place @ place.T, 0)
         np.fill_diagonal(far, np.inf)
         usual = np.quantile(far.min(1), config.usual)
         reach = config.gap**2 * np.maximum(np.partition(far, NEAREST, 1)[:, NEAREST], usual)
         cluster = connect(np.array(np.nonzero(far <= np.minimum(reach[:, None], reach))), len(here))
-        share = np.bincount(cluster, weight[here]) / weight[here].sum()
-        large = share[cluster] >= config.least
-        rows = here[large]
-        apart[np.ix_(rows, rows)] += cluster[large][:, None] != cluster[large]
-        together[np.ix_(rows, rows)] += 1
-    return apart, together
+        large = np.bincount(cluster, weight[here]) >= config.least * weight[here].sum()
+        found[here, time] = np.where(large, np.cumsum(large) - 1, UNKNOWN)[cluster]
+    return found
 
 
-def _halves(
-    apart: np.ndarray, together: np.ndarray, weight: np.ndarray, config: MoverConfig
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (P,) bool each: two movers of superpoints, as far as it is known which; both empty where they are one mover."""
-    none = np.zeros(len(weight), bool)
-    mass = weight[:, None] * weight
-    seen, cut = together * mass, apart * mass
-    if not cut.any():
-        return none, none
-    first = int(cut.sum(1).argmax())
-    second = int(cut[first].argmax())
-    one, other = (apart[:, far] > apart[:, near] for near, far in ((first, second), (second, first)))
-    for _ in range(ROUNDS):
-        from_one, from_other = (cut[:, half].sum(1) / np.maximum(seen[:, half].sum(1), 1e-12) for half in (one, other))
-        before, (one, other) = one, (from_other > from_one + config.sure, from_one > from_other + config.sure)
-        if not one.any() or not other.any():
+@dataclass(frozen=True, eq=False)
+class _Meetings:
+    """How often pairs of superpoints are seen together."""
+
+    apart: np.ndarray
+    """(P,P) float32: number of times at which two lie in different clusters."""
+    together: np.ndarray
+    """(P,P) float32: number of times at which each lies in one."""
+
+    @classmethod
+    def of(cls, cluster: np.ndarray) -> _Meetings:
+        """Count, over the clusters (P,T) of superpoints."""
+        known = (cluster != UNKNOWN).astype(np.float32)
+        together = known @ known.T
+        same = np.zeros_like(together)
+        for number in range(int(cluster.max()) + 1):
+            inside = (cluster == number).astype(np.float32)
+            same += inside @ inside.T
+        return cls(together - same, together)
+
+    def among(self, rows: np.ndarray) -> _Meetings:
+        """Return those of the superpoints `rows`."""
+        pairs = np.ix_(rows, rows)
+        return _Meetings(self.apart[pairs], self.together[pairs])
+
+    def halves(self, weight: np.ndarray, config: MoverConfig) -> tuple[np.ndarray, np.ndarray]:
+        """Return (P,) bool each: two movers of superpoints, as far as it is known which; both empty where they are one mover."""
+        none = np.zeros(len(weight), bool)
+        first = int((self.apart @ weight * weight).argmax())
+        second = int((self.apart[first] * weight).argmax())
+        one, other = self.apart[second] > self.apart[first], self.apart[first] > self.apart[second]
+        for _ in range(ROUNDS):
+            if not one.any() or not other.any():
+                return none, none
+            from_one, from_other = (
+                self.apart @ (weight * half) / np.maximum(self.together @ (weight * half), 1e-12)
+                for half in (one, other)
+            )
+            before, one, other = one, from_other > from_one + config.sure, from_one > from_other + config.sure
+            if (one == before).all():
+                break
+        held = [weight[half].sum() for half in (one, other)]
+        share = np.stack([weight * half / max(own, 1e-12) for half, own in zip((one, other), held, strict=True)])
+        times = share @ self.together @ share.T
+        between = (share @ self.apart @ share.T)[0, 1] / max(times[0, 1], 1e-12)
+        turns = times[0, 1] < config.meet * times.diagonal().min()  # perhaps one thing that is lost and found again
+        if between < config.apart or turns or min(held) < config.least * weight.sum():
             return none, none
-        if (one == before).all():
-            break
-    share = np.stack([weight * half / weight[half].sum() for half in (one, other)], 1)
-    times = share.T @ together @ share
-    between = (share.T @ apart @ share)[0, 1] / max(times[0, 1], 1e-12)
-    turns = times[0, 1] < config.meet * times.diagonal().min()  # one thing that is lost and found again, perhaps
-    small = min(weight[one].sum(), weight[other].sum()) < config.least * weight.sum()
-    return (none, none) if between < config.apart or turns or small else (one, other)
+        return one, other

@@ -347,9 +347,7 @@ def _moving_superpoints(
         cast[:] = False
     unlike = differences[rows] / weights[rows]
     mover = movers_of(ways.places, ways.presence, weight * ~cast, bonds, config.movers)
-    return Superpoints(
-        rows, index, weight, bonds, near, blend, cast, config.thing.moving, config, unlike, piece, mover
-    )
+    return Superpoints(rows, index, weight, bonds, near, blend, cast, config.thing.moving, config, unlike, piece, mover)
 
 
 def _static_superpoints(scene: Scene, appearance: np.ndarray, weights: np.ndarray, config: SelectConfig) -> Superpoints:

@@ -180,7 +180,7 @@ def _pointed_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> 
     if len(marks) == 1 and marks[0].on and not marks[0].around:  # a click on a person means the person
         person = person_at(scene, marks[0].pixels(size) > 0, marks[0].frame, options.part)
         if person is not None:
-            return (person if options.part else whole_person(scene, person, marks, options.config)).astype(float)
+            return (person if options.part else _whole_person(scene, person, marks, options.config)).astype(float)
     chosen = point_out(scene, marks, config=options.config)
     frames = [mark.frame for mark in marks]
     return (
@@ -190,7 +190,7 @@ def _pointed_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> 
     )
 
 
-def whole_person(scene: Scene, person: np.ndarray, marks: Sequence[Mark], config: SelectConfig = SELECT) -> np.ndarray:
+def _whole_person(scene: Scene, person: np.ndarray, marks: Sequence[Mark], config: SelectConfig) -> np.ndarray:
     """(N,) bool: the Gaussians of a `person (N,)` bool, and of all that `marks` point out where most of it is the person's.
 
     A fit finds a person in some frames and not in others; clothes, hair and what is carried move along. A horse is more than its
@@ -200,8 +200,9 @@ def whole_person(scene: Scene, person: np.ndarray, marks: Sequence[Mark], config
     if chosen is None or people is None or not chosen[scene.moving].any():
         return person
     superpoints = graph_of(scene, config).moving
-    count = superpoints.gather(np.ones(len(person)))
-    own, thing = (superpoints.weight @ (superpoints.gather(rows) / count) for rows in (chosen * person, chosen))
+    own, thing = (
+        superpoints.weight @ superpoints.means(rows, np.ones(len(rows))) for rows in (chosen * person, chosen)
+    )
     return person | (chosen > 0) & (people.person == 0) if own > MOSTLY * thing else person
 
 

@@ -89,8 +89,8 @@ class MoverConfig:
     apart: float = 0.5
     """Fraction of the times both are there at which two movers are apart, at least."""
     meet: float = 0.5
-    """Fraction of the times at which two superpoints of one mover are both there at which those of two are, at least. Of true movers
-    it is above 1, of what is lost behind another mover and found again .1."""
+    """Times at which superpoints of two movers are both there, at least, as a fraction of those at which two of one are: above 1
+    for true movers, .1 for what is lost behind another mover and found again."""
     sure: float = 0.25
     """Difference of that fraction by which it is known which of two movers a superpoint belongs to."""
 
