@@ -208,7 +208,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         more = evaluated.More(
             mattes,
             unseen="unseen" in passes,
-            moving=bool({OBJECTS, "selection"} & {*passes}),
+            moving=OBJECTS in passes,
             lit=shadows.lighting(depsgraph),
             hold_out=layer.f4x_hold_out_meshes,
         )

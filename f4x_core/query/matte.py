@@ -73,23 +73,19 @@ def mattes(
 def refine_passes(
     images: Mapping[str, np.ndarray], take: Take, settings: DrawSettings, selections: Collection[int]
 ) -> dict[str, np.ndarray]:
-    """Return the passes of `images` that show selections, (H,W) each, refined along their outlines.
-
-    These are `selection`, the mattes of `OBJECTS` with the ids `selections`, and the other mattes, which cover what is left.
+    """Return the mattes (H,W) of `images` anew: those of selections refined along their outlines, the others cover what is left.
 
     Args:
-        images: passes of `exposure.shoot`, sharp.
+        images: passes of `exposure.shoot`, sharp; mattes are those of the pass `OBJECTS`.
         take: what they show; its clouds tell by the layer `MOVES` which Gaussians move.
         settings: those with which they were drawn.
         selections: uint32 ids of selections.
     """
-    chosen = {
-        _pass_of(number): [cloud.mattes.get("object") == number for cloud in take.clouds] for number in selections
-    }
-    chosen["selection"] = [np.ravel(cloud.layers.get("selection", 0)) > 0 for cloud in take.clouds]
-    moves = {name: _moves(take.clouds, rows) for name, rows in chosen.items() if name in images}
-    if not moves:
+    coverage = {name: image for name, image in images.items() if name.startswith(OBJECTS)}
+    ids = {name: number for number in selections if (name := f"{OBJECTS}:{number:08x}") in coverage}
+    if not ids:
         return {}
+    moves = {name: _moves(take.clouds, number) for name, number in ids.items()}
     combined = images["combined"]
     alpha = combined[..., 3:]
     picture = srgb_from_linear(combined[..., :3] / np.where(alpha > 0, alpha, 1)) * alpha
@@ -97,10 +93,8 @@ def refine_passes(
     behind = np.dstack([under["rgb"], under["alpha"]]) if under else None
     wider, config = take.camera.width / picture.shape[1], SELECT.matte  # a region of the picture
     config = replace(config, reach=config.reach * wider, window=config.window * wider)
-    fine = {name: refine_matte(images[name], picture, behind if moves[name] else None, config) for name in moves}
-    parts = {name: image for name, image in fine.items() if name.startswith(OBJECTS)}
-    whole = {name: image for name, image in images.items() if parts and name.startswith(OBJECTS)}
-    return fine | _shared_out(whole, parts, under)
+    fine = {name: refine_matte(coverage[name], picture, behind if moves[name] else None, config) for name in ids}
+    return _shared_out(coverage, fine, under)
 
 
 def mask_video(
@@ -149,14 +143,11 @@ def _background(scene: Scene, view: View, backend: str) -> np.ndarray:
     return np.dstack([still["rgb"], still["alpha"]])
 
 
-def _pass_of(number: int) -> str:
-    return f"{OBJECTS}:{number:08x}"
-
-
-def _moves(clouds: Collection[Cloud], chosen: Collection[np.ndarray]) -> bool:
-    """Return True if most of the Gaussians `chosen`, (N,) bool of each cloud, move."""
-    pairs = [(rows, np.ravel(cloud.layers.get(MOVES, 0)) > 0) for cloud, rows in zip(clouds, chosen, strict=True)]
-    return sum((rows & moving).sum() for rows, moving in pairs) > MOSTLY * sum(np.sum(rows) for rows, _ in pairs)
+def _moves(clouds: Collection[Cloud], number: int) -> bool:
+    """Return True if most of the Gaussians with the id `number` move."""
+    chosen = [np.equal(cloud.mattes.get("object", 0), number) for cloud in clouds]
+    moving = [rows & (np.ravel(cloud.layers.get(MOVES, 0)) > 0) for cloud, rows in zip(clouds, chosen, strict=True)]
+    return sum(map(np.sum, moving)) > MOSTLY * sum(map(np.sum, chosen))
 
 
 def _without_movers(take: Take, settings: DrawSettings, passes: Collection[str] = ()) -> dict[str, np.ndarray]:

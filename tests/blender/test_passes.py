@@ -70,12 +70,9 @@ for engine in ("CYCLES", "FEATURE4X"):
 load("named")
 layer = bpy.context.view_layer
 switch(layer)
-layer.f4x_passes.alpha = layer.f4x_passes.unseen = layer.f4x_passes.selection = True
+layer.f4x_passes.alpha = layer.f4x_passes.unseen = True
 for item in bpy.data.objects:
     if item.type == "POINTCLOUD":
-        if "dynamic" in item.name:
-            selected = item.data.attributes[".selection"]
-            selected.data.foreach_set("value", np.ones(len(item.data.points), bool))
         item.users_collection[0].name = "shot"
 bpy.context.scene.frame_set(T)
 exr("named")
@@ -206,7 +203,6 @@ def test_mattes_of_selections_follow_the_edges_of_the_picture(folder):
     hero = (parts * (ids == identify("hero"))).sum(-1)
     np.testing.assert_allclose(hero, np.minimum(expected, found["Alpha"]), atol=2e-3)  # no more than the scene covers
     np.testing.assert_allclose(parts.sum(-1), found["Alpha"], atol=1e-4)
-    np.testing.assert_allclose(found["Selection"], expected, atol=2e-3)
 
 
 def test_motion_blur_and_depth_of_field_are_the_cores(folder):
