@@ -70,7 +70,7 @@ def follow_masks(
     """
     fraction, total = lift_masks(scene, prompted, progress)
     held, others = held_movers(scene, fraction * total, total)
-    held &= total <= config.min_blend_weight  # what comes to light later, when following has lost the mover, perhaps
+    held &= total <= config.min_blend_weight  # what comes to light later
     total = config.prompted_weight * total
     inside = fraction * total
     moves = inside[scene.moving].sum() / max(inside.sum(), 1e-12)
@@ -84,8 +84,9 @@ def follow_masks(
             seen = views.seen(scene, frame)
             inside[seen.rows] += seen.weights * logistic(logits)[seen.pixels]
             total[seen.rows] += seen.weights
-    scores = np.where(held, 1, np.clip(inside / np.maximum(total, 1e-12), 0, 1))
-    return _from_neighbours(scene, scores, held | (total > config.min_blend_weight), meant, config)
+    lost = held & (inside[held].sum() < SHOWN * total[held].sum())  # a mover's path tells more than how it looks then
+    scores = np.where(lost, 1, np.clip(inside / np.maximum(total, 1e-12), 0, 1))
+    return _from_neighbours(scene, scores, lost | (total > config.min_blend_weight), meant, config)
 
 
 def draw_views(scene: Scene, config: FollowConfig | None = None) -> None:

@@ -352,11 +352,13 @@ def test_thousands_of_short_lives_take_as_few_moments_as_their_lengths_allow():
 
 
 def test_a_mask_keeps_to_its_mover_and_holds_all_of_it(scene, monkeypatch):
-    """Of two movers that cross one lies in the mask: what follows loses it, and takes the other."""
+    """Of two movers that cross one lies in the mask: following takes the other, too, and it or its path tells of what is unseen."""
     moving_fraction(scene, Lifted(monkeypatch, scene), 1.0)
     moving = np.flatnonzero(scene.moving)
     held, others = (np.isin(np.arange(len(scene.ids)), rows) for rows in (moving[1:5], moving[5:9]))
     monkeypatch.setattr(following, "held_movers", lambda scene, inside, seen: (held.copy(), others.copy()))
-    decoder = Decoder({2: logits(0)}, {t: logits(10 + t) for t in range(FRAMES)})
-    found = select_by_prompts(scene, {2: {"mask": square_mask(2)}}, SelectOptions(decoder=decoder))
-    assert (found.scores[others] == 0).all() and (found.scores[held] == 1).all()
+    for lost in (True, False):
+        decoder = Decoder({2: logits(0)}, {t: logits(10 + t) + (-9 if lost else 9) for t in range(FRAMES)})
+        found = select_by_prompts(scene, {2: {"mask": square_mask(2)}}, SelectOptions(decoder=decoder))
+        assert (found.scores[others] == 0).all()
+        assert (found.scores[held] == 1).all() if lost else (found.scores[held] < 1).all()
