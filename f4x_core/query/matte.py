@@ -37,6 +37,8 @@ MOVES = "moving"
 """Layer of a cloud, (N,1): 1 for the Gaussians that move."""
 ABSENT = 1e-6
 """Coverage below which nothing is covered."""
+BLOCKS = 50
+"""Reach of a window of colours, in blocks of pixels, at most about: a window of 480 columns, pixel by pixel."""
 UNCERTAIN = 0.02
 """Least probability of a pixel by its coverage alone, and of its opposite: so log-odds stay finite."""
 
@@ -126,7 +128,8 @@ def refine_matte(
     band, inside, near = band[part], inside[part], coverage[part].astype(float)
     colour = np.clip(picture[part], 0, 1).astype(float) @ OPPONENT.T
     odds = np.clip(near, UNCERTAIN, 1 - UNCERTAIN)
-    odds = np.log(odds / (1 - odds)) + _colour_odds(colour, inside & ~band, ~inside & ~band, window, config)
+    odds = np.log(odds / (1 - odds))
+    odds[band] += _colour_odds(colour, band, inside, window, config)
     if background is not None:
         apart = unlike(picture[part], background[part][..., :3])
         by_background = np.clip((apart - config.differs) / config.unsure, -config.against, config.favour)
@@ -177,24 +180,28 @@ def _shared_out(
 
 
 def _colour_odds(
-    colour: np.ndarray, thing: np.ndarray, around: np.ndarray, window: int, config: MatteConfig
+    colour: np.ndarray, band: np.ndarray, inside: np.ndarray, window: int, config: MatteConfig
 ) -> np.ndarray:
-    """Return log-odds (h,w) that a pixel of `colour (h,w,3)` is the thing's, by pixels `thing` and `around`, (h,w) bool, near it.
+    """Return log-odds (n,) that a pixel of `colour (h,w,3)` in the `band (h,w)` is the thing's, by others `inside (h,w)` near it.
 
     Each side's colours are a histogram over the main colours of the picture in a window; a pixel that is like several of them
     has their mean.
     """
     rows = colour.reshape(-1, 3).astype(np.float32)
     centres = k_means(rows, config.colours)
-    kind, sides = nearest(rows, centres).reshape(colour.shape[:2]), np.stack([thing, around], -1)
-    total = _sums(sides, window)
-    known = np.zeros((*kind.shape, 2))
-    for number, centre in enumerate(centres):
-        like = np.exp(-((colour - centre) ** 2).sum(-1) / (2 * config.alike**2))
-        known += like[..., None] * _sums(sides & (kind == number)[..., None], window)
-    part = known / np.maximum(total, 1) + config.unknown
-    enough = (total >= config.enough * (2 * window + 1) ** 2).all(-1)
-    return np.where(enough, np.log(part[..., 0] / part[..., 1]), 0)
+    step = max(1, round(window / BLOCKS))
+    height, width = (-(-size // step) for size in band.shape)
+    y, x = (place // step for place in np.indices(band.shape))
+    cell = ((inside * height + y) * width + x) * len(centres) + nearest(rows, centres).reshape(band.shape)
+    counts = np.bincount(cell[~band], minlength=2 * height * width * len(centres)).reshape(2, height, width, -1)
+    near = [
+        _sums(around, round(window / step))[y[band], x[band]].astype(float) for around in counts
+    ]  # (n,colours) each
+    like = np.exp(-((colour[band][:, None] - centres) ** 2).sum(-1) / (2 * config.alike**2))
+    total = np.stack([around.sum(1) for around in near])
+    part = np.stack([(like * around).sum(1) for around in near]) / np.maximum(total, 1) + config.unknown
+    enough = (total >= config.enough * (2 * window + 1) ** 2).all(0)
+    return np.where(enough, np.log(part[1] / part[0]), 0)
 
 
 def _bonds(colour: np.ndarray, band: np.ndarray, config: MatteConfig) -> tuple[np.ndarray, np.ndarray]:
