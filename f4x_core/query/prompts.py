@@ -168,21 +168,21 @@ def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOpt
     scores = None
     if options.decoder is None and all(prompt.mask is None for prompt in checked.values()):
         marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]
-        scores = _pointed_at(scene, marks, options)
+        scores = _pointed_at(scene, marks, None, options)
     if scores is None:
         scores = _followed(scene, prompts, options)
     return _selection(scene, scores, options, _marked_at(prompts))
 
 
-def _pointed_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray | None:
-    """(N,) scores of the person or the thing that points and boxes show; None where they show nothing."""
-    size = (scene.cameras.height, scene.cameras.width)
-    if len(marks) == 1 and marks[0].on and not marks[0].around:  # a click on a person means the person
-        person = person_at(scene, marks[0].pixels(size) > 0, marks[0].frame, options.part)
-        if person is not None:
-            return (person if options.part else _whole_person(scene, person, marks, options.config)).astype(float)
-    chosen = point_out(scene, marks, config=options.config)
-    frames = [mark.frame for mark in marks]
+def _pointed_at(
+    scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None, options: SelectOptions
+) -> np.ndarray | None:
+    """(N,) scores of the person or the thing that marks show, by `likely (N,)` words, too; None where they show nothing."""
+    person = None if likely is not None else _person_at(scene, marks, options)
+    if person is not None:
+        return person.astype(float)
+    chosen = point_out(scene, marks, likely, options.config)
+    frames = sorted({mark.frame for mark in marks})
     return (
         None
         if chosen is None
@@ -190,20 +190,26 @@ def _pointed_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> 
     )
 
 
-def _whole_person(scene: Scene, person: np.ndarray, marks: Sequence[Mark], config: SelectConfig) -> np.ndarray:
-    """(N,) bool: the Gaussians of a `person (N,)` bool, and of all that `marks` point out where most of it is the person's.
+def _person_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray | None:
+    """(N,) bool: the person whom the first of `marks` clicks, with `options.part` the part of the body; None for no click on one.
 
-    A fit finds a person in some frames and not in others; clothes, hair and what is carried move along. A horse is more than its
-    rider.
+    A fit finds a person in some frames and not in others, and clothes, hair and what is carried move along: so the person has all
+    that the click points out, where most of that is the person's; a horse is more than its rider. Later marks add and take away
+    what they do of things.
     """
-    chosen, people = point_out(scene, marks, config=config), people_of(scene)
-    if chosen is None or people is None or not chosen[scene.moving].any():
-        return person
-    superpoints = graph_of(scene, config).moving
-    own, thing = (
-        superpoints.weight @ superpoints.means(rows, np.ones(len(rows))) for rows in (chosen * person, chosen)
-    )
-    return person | (chosen > 0) & (people.person == 0) if own > MOSTLY * thing else person
+    size, first = (scene.cameras.height, scene.cameras.width), marks[0]
+    people = people_of(scene)
+    if people is None or not first.on or first.around or (options.part and len(marks) > 1):
+        return None
+    person = person_at(scene, first.pixels(size) > 0, first.frame, options.part)
+    alone = None if person is None or options.part else point_out(scene, marks[:1], config=options.config)
+    if person is None or alone is None or not alone[scene.moving].any():
+        return person if len(marks) == 1 else None
+    superpoints, thing = graph_of(scene, options.config).moving, alone > 0
+    own, whole = (superpoints.weight @ superpoints.means(rows, np.ones(len(rows))) for rows in (person & thing, thing))
+    person = person | thing & (people.person == 0) if own > MOSTLY * whole else person
+    chosen = alone if len(marks) == 1 else point_out(scene, marks, config=options.config)
+    return None if chosen is None else (person | (chosen > alone)) & (chosen >= alone)
 
 
 def _followed(scene: Scene, prompts: dict[int, dict], options: SelectOptions) -> np.ndarray:
@@ -234,19 +240,17 @@ def select_by_evidence(
     not meant; `words`: what words select, whose scores count as probabilities. Raises F4xError: marks that are empty, outside
     the clip or on nothing, or that leave nothing.
     """
-    config, likely = options.config, None if words is None else words.scores
-    chosen = point_out(scene, check_marks(marks, len(scene.cameras)), likely, config)
-    if chosen is None:
+    marks = check_marks(marks, len(scene.cameras))
+    scores = _pointed_at(scene, marks, None if words is None else words.scores, options)
+    if scores is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
-    frames = sorted({mark.frame for mark in marks})
-    scores = follow_thing(scene, chosen, frames, config, options.backend, options.progress)
     size = (scene.cameras.height, scene.cameras.width)
     masks: dict[int, np.ndarray] = {}
     for mark in marks:
         if mark.on and mark.exact and mark.around:
             masks[mark.frame] = masks.get(mark.frame, False) | mark.pixels(size)
-    scores = _as_in_masks(scene, scores, masks, config.thing, adds=all(mark.on for mark in marks))
-    label = _marked_at(frames)
+    scores = _as_in_masks(scene, scores, masks, options.config.thing, adds=all(mark.on for mark in marks))
+    label = _marked_at(sorted({mark.frame for mark in marks}))
     return _selection(scene, scores, options, label if words is None else f"{words.label}, {label}")
 
 

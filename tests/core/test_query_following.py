@@ -59,7 +59,7 @@ class Lifted:
         monkeypatch.setattr(following, "lift_masks", self.lift)
         monkeypatch.setattr(following, "_from_neighbours", self.fill)
         monkeypatch.setattr(following, "views_of", lambda scene: self)
-        monkeypatch.setattr(prompts, "point_out", lambda scene, asked, config: None)
+        monkeypatch.setattr(prompts, "point_out", lambda scene, asked, likely=None, config=None: None)
 
     def lift(self, scene, masks, progress):
         self.masks |= masks
@@ -161,7 +161,9 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
     pointed = []
     scores = np.random.default_rng(1).random(len(scene.ids))
     monkeypatch.setattr(
-        prompts, "point_out", lambda scene, asked, config: pointed.append([mark.frame for mark in asked]) or scores
+        prompts,
+        "point_out",
+        lambda scene, asked, likely=None, config=None: pointed.append([mark.frame for mark in asked]) or scores,
     )
     point, mask = {"points": [[3, 3]]}, {"mask": square_mask(0)}
     found = select_by_prompts(scene, {0: point, 2: point}, SelectOptions(config=PROMPTED))
@@ -176,7 +178,9 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
         ({2: mask, 0: mask}, "what is marked at frame 2, 0"),
     ):
         Lifted(monkeypatch, scene)
-        monkeypatch.setattr(prompts, "point_out", lambda scene, asked, config: pytest.fail("a mask is no point"))
+        monkeypatch.setattr(
+            prompts, "point_out", lambda scene, asked, likely=None, config=None: pytest.fail("a mask is no point")
+        )
         assert select_by_prompts(scene, asked).label == label
 
 

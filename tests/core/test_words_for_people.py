@@ -111,6 +111,27 @@ def test_a_click_means_all_that_moves_with_a_person_who_is_most_of_it(monkeypatc
     assert np.array_equal(found, scene.moving & (person != 2) if tagged > 0.5 else person == 1)
 
 
+def test_later_marks_add_to_a_person_and_take_away(monkeypatch):
+    scene = scene_with_people()
+    people, rows = people_of(scene), np.arange(len(scene.ids))
+    one, other, third = (
+        np.isin(rows, np.flatnonzero(scene.moving)[part]) for part in (slice(5), slice(5, 9), slice(9, 11))
+    )
+    thing = {(True,): one | third, (True, True): one | other | third, (True, False): one}
+    monkeypatch.setattr(prompts, "person_at", lambda scene, pixels, frame, part: third & (people.person == 1))
+    monkeypatch.setattr(
+        prompts, "point_out", lambda scene, marks, config: thing[tuple(mark.on for mark in marks)].astype(float)
+    )
+    row, column = np.argwhere(square_mask(0)).mean(0)
+
+    def found(*labels):
+        return select_by_points(scene, [(column, row)] * len(labels), 0, labels=labels).chosen
+
+    assert np.array_equal(found(True), third)
+    assert np.array_equal(found(True, True), third | other)
+    assert not found(True, False).any()
+
+
 def test_labels_survive_the_file_baking_and_a_background(tmp_path):
     scene = scene_with_people()
     write_scene(scene, tmp_path / "a.f4x")
