@@ -194,9 +194,8 @@ def _colour_odds(
     y, x = (place // step for place in np.indices(band.shape))
     cell = ((inside * height + y) * width + x) * len(centres) + nearest(rows, centres).reshape(band.shape)
     counts = np.bincount(cell[~band], minlength=2 * height * width * len(centres)).reshape(2, height, width, -1)
-    near = [
-        _sums(around, round(window / step))[y[band], x[band]].astype(float) for around in counts
-    ]  # (n,colours) each
+    reach = round(window / step)
+    near = [_sums(side, reach)[y[band], x[band]].astype(float) for side in counts]  # (n,colours) around and inside
     like = np.exp(-((colour[band][:, None] - centres) ** 2).sum(-1) / (2 * config.alike**2))
     total = np.stack([around.sum(1) for around in near])
     part = np.stack([(like * around).sum(1) for around in near]) / np.maximum(total, 1) + config.unknown

@@ -72,7 +72,6 @@ class Superpoints:
     """(n,) float64: how much each of these Gaussians differs from the background behind it; None: not known."""
     piece: np.ndarray | None = None
     """(P,) int64: superpoints of one piece move as one (`_pieces`), and a thing lies within one; None: all are one piece."""
-
     mover: np.ndarray | None = None
     """(P,) int64: superpoints of different movers are apart most of the time (`movers`); None: all are one mover."""
 
