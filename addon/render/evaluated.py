@@ -139,7 +139,7 @@ def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[lis
 def _layers(owner: bpy.types.Object, data: bpy.types.PointCloud, more: More) -> dict[str, np.ndarray]:
     """Return the layers (N,1) that `more` asks for of evaluated points; nothing where they belong to no scene."""
     found, gid = SceneObject.of(owner), read_attribute(data, "gid")
-    if found is None or gid is None:
+    if found is None or gid is None or not (more.unseen or more.moving):  # a farm may lack the scene file
         return {}
     row, known = found.shown.rows_of(gid)
     scene = found.shown.scene
