@@ -1,4 +1,4 @@
-"""Measure the extension in Blender: import, playback, motion against the core, thresholds, queries, pictures, jobs.
+"""Measure the extension in Blender: import, playback, motion against the core, thresholds, queries, clicks, pictures, jobs.
 
 python tools/bench_blender.py --json
 blender -b --factory-startup --python-exit-code 1 -P tools/bench_blender.py -- --rows import playback
@@ -182,6 +182,41 @@ class Bench:
         times = [measure(lambda: marking.ask(SceneObject(self.root), select_by_text(scene, [word]))) for _ in range(3)]
         return {"first_milliseconds": 1000 * times[0], "milliseconds": 1000 * times[-1], "word": word}
 
+    def click(self) -> dict[str, Any]:
+        """Seconds of preparing clicks once, of the first click on what moves most and on what stands, and of later ones.
+
+        `…processor_seconds`: of all threads, which other programs hardly change.
+        """
+        import numpy as np
+        from feature4x.addon.edits import marking
+        from feature4x.addon.scene.scene_object import SceneObject
+        from feature4x.f4x_core.query.calibration import prepare
+        from feature4x.f4x_core.query.following import draw_views
+        from feature4x.f4x_core.query.prompts import select_by_points
+        from feature4x.f4x_core.scene.view import render
+
+        scene = SceneObject(self.root).edited
+        values = {"moving": scene.moving[:, None].astype(np.float32)}
+        moving = render(scene, scene.cameras[0], float(scene.cameras.times[0]), (), values=values)["moving"][..., 0]
+        row: dict[str, Any] = {"gaussians": len(scene.ids)}
+
+        def time_of(name: str, work: Callable[[], Any]) -> None:
+            before = time.process_time()
+            row[f"{name}seconds"] = measure(work)
+            row[f"{name}processor_seconds"] = time.process_time() - before
+
+        time_of("prepare_", lambda: prepare(scene))
+        time_of("draw_views_", lambda: draw_views(scene))
+        for name, coverage in (("moving_", moving), ("static_", -moving)):
+            y, x = np.unravel_index(coverage.argmax(), coverage.shape)
+
+            def ask(at: tuple[float, float] = (x + 0.5, y + 0.5)) -> None:
+                marking.ask(SceneObject(self.root), select_by_points(scene, [at], 0))
+
+            time_of(f"{name}first_", ask)
+            time_of(name, ask)
+        return row
+
     def render_image(self) -> dict[str, Any]:
         """Seconds of one picture of the render engine at the clip's size."""
         import bpy
@@ -263,6 +298,7 @@ ROWS: dict[str, Callable] = {
     "motion": Bench.motion,
     "threshold": Bench.threshold,
     "query": Bench.query,
+    "click": Bench.click,
     "picture": Bench.render_image,
     "registration": lambda bench: registration(),
     "cancel": lambda bench: cancel(),

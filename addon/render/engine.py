@@ -13,6 +13,7 @@ from bpy.props import BoolProperty, IntProperty, PointerProperty
 from gpu_extras.presets import draw_texture_2d
 
 from ...f4x_core.errors import Cancelled
+from ...f4x_core.query.matte import OBJECTS, refine_passes
 from ...f4x_core.scene import cryptomatte, layers, stage
 from ...f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ...f4x_core.scene.passes import Mist
@@ -204,7 +205,13 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         seen = self._eye(depsgraph, view)
         region, passes = _region(scene.render, self.resolution_x, self.resolution_y), _wanted(layer)
         mattes = evaluated.Mattes() if any(name.startswith(stage.MATTE) for name in passes) else None
-        more = evaluated.More(mattes, "unseen" in passes, shadows.lighting(depsgraph), layer.f4x_hold_out_meshes)
+        more = evaluated.More(
+            mattes,
+            unseen="unseen" in passes,
+            moving=OBJECTS in passes,
+            lit=shadows.lighting(depsgraph),
+            hold_out=layer.f4x_hold_out_meshes,
+        )
         background = None if scene.render.film_transparent else evaluated.world_color(scene.world)
 
         def progress(name: str, done: int, total: int, message: str = "") -> None:
@@ -213,11 +220,15 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             self.update_progress(done / total)
             self.update_stats("Feature4X", f"{view} row {done} of {total}".lstrip())
 
+        settings = stage.DrawSettings(
+            seen.near, seen.far, background, mist=_mist(scene.world, seen.back), region=region
+        )
         images = shoot(
             self._takes(depsgraph, more, view),
             _exposure(scene, depsgraph, seen.back),
-            stage.DrawSettings(seen.near, seen.far, background, mist=_mist(scene.world, seen.back), region=region),
+            settings,
             passes,
+            refine=lambda images, take: refine_passes(images, take, settings, mattes.selections if mattes else ()),
             progress=progress,
         )
         if "depth" in images:

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ...f4x_core.edit.resolve import named
+from ...f4x_core.query.matte import MOVES
 from ...f4x_core.query.unseen import unseen_gaussians
 from ...f4x_core.scene.clouds import Cloud
 from ...f4x_core.scene.color import srgb_from_linear
@@ -72,6 +73,11 @@ class Mattes:
                 ids["object"][known & chosen[row]] = self._id("object", name)
         return ids
 
+    @property
+    def selections(self) -> set[int]:
+        """Return the ids of the selections that edits named."""
+        return {identify(name) for selected in self._selected.values() for name in selected}
+
     def _id(self, layer: str, name: str) -> int:
         self.names[layer][name] = None
         return identify(name)
@@ -84,6 +90,8 @@ class More(NamedTuple):
     """Gathers mattes; None = no pass needs them."""
     unseen: bool = False
     """True if each Gaussian gets a number that tells whether any frame of its clip shows it."""
+    moving: bool = False
+    """True if each Gaussian gets a number that tells whether it moves."""
     lit: Callable[[bpy.types.Object, Cloud], Cloud] | None = None
     """Function of an evaluated object and its cloud that returns the cloud with light; None = no shadows."""
     hold_out: bool = False
@@ -117,9 +125,9 @@ def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[lis
             if cloud is not None:
                 cloud = more.lit(item, cloud) if more.lit else cloud
                 ids = mattes.of_points(item.original, item.data) if mattes else {}
-                unseen = _unseen(item.original, item.data) if more.unseen else {}
+                own = _layers(item.original, item.data, more)
                 held = holds.is_held(owner)
-                clouds.append(replace(cloud, key=key, mattes=ids, layers={**cloud.layers, **unseen}, holdout=held))
+                clouds.append(replace(cloud, key=key, mattes=ids, layers={**cloud.layers, **own}, holdout=held))
         else:
             surface = surface_of(item, to_world, images)
             if surface is not None:
@@ -128,13 +136,16 @@ def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[lis
     return clouds, surfaces
 
 
-def _unseen(owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
-    """Return the layer `unseen` (N,1) of evaluated points; nothing where they belong to no scene."""
+def _layers(owner: bpy.types.Object, data: bpy.types.PointCloud, more: More) -> dict[str, np.ndarray]:
+    """Return the layers (N,1) that `more` asks for of evaluated points; nothing where they belong to no scene."""
     found, gid = SceneObject.of(owner), read_attribute(data, "gid")
-    if found is None or gid is None:
+    if found is None or gid is None or not (more.unseen or more.moving):  # a farm may lack the scene file
         return {}
     row, known = found.shown.rows_of(gid)
-    return {"unseen": (known & unseen_gaussians(found.shown.scene)[row])[:, None]}
+    scene = found.shown.scene
+    layers = {"unseen": unseen_gaussians(scene)} if more.unseen else {}
+    layers |= {MOVES: scene.moving} if more.moving else {}
+    return {name: (known & values[row])[:, None] for name, values in layers.items()}
 
 
 def _visible(

@@ -11,9 +11,9 @@ import numpy as np
 from ..edit.naming import by_words
 from ..edit.resolve import named
 from ..errors import F4xError
-from ..geometry.trajectory import Trajectory, View, cameras_of
+from ..geometry.trajectory import Trajectory, cameras_of
 from ..query.labels import encode_labels
-from ..query.matte import mattes as refined_mattes
+from ..query.matte import MOVES, OBJECTS, refine_passes
 from ..query.unseen import unseen_gaussians
 from ..scene import Scene
 from ..scene.clouds import Cloud
@@ -21,14 +21,13 @@ from ..scene.color import srgb_from_linear
 from ..scene.cryptomatte import DEPTH, identify
 from ..scene.exposure import Exposure, Lens, Take, shoot
 from ..scene.layers import named_layers, write_exr
-from ..scene.stage import MATTE, DrawSettings
+from ..scene.stage import DrawSettings
 from .render_options import RenderOptions
 
 MASK = "mask:"
 CRYPTOMATTE = "cryptomatte"
 PASSES = ("rgb", "alpha", "depth", "vector", "normal", "position", "mist", "unseen")
 """Channels of an EXR besides `CRYPTOMATTE` and `mask:LABEL`."""
-OBJECTS = f"{MATTE}object"
 MAX_SAMPLES = 1024
 
 
@@ -97,30 +96,22 @@ def take(
         if "unseen" in names:
             cloud = replace(cloud, layers={"unseen": unseen_gaussians(scene)[:, None]})
         if mattes is not None:
-            cloud = replace(cloud, mattes={"object": mattes.ids})
+            moves = {MOVES: scene.moving[:, None]}
+            cloud = replace(cloud, mattes={"object": mattes.ids}, layers={**cloud.layers, **moves})
         return Take([cloud], [], cameras.at(index + offset))
 
     passes = [*names, *([OBJECTS] if mattes else [])]
-    images = shoot(take_at, exposure, DrawSettings(backend=backend), passes)
-    if mattes is None or exposure.blurs:  # what is blurred has no edge
-        return images
-    return images | _refined(scene, View(cameras.at(index), views[index].time), mattes, images, backend)
-
-
-def _refined(
-    scene: Scene, view: View, mattes: Mattes, images: Mapping[str, np.ndarray], backend: str
-) -> dict[str, np.ndarray]:
-    """Return the mattes (H,W) of `images` anew: those of selections refined along their outlines, the rest the scene's own."""
-    own = f"{OBJECTS}:{identify(scene.name):08x}"
-    layers = [name for name in images if name.startswith(OBJECTS) and name != own]
-    if not layers:
-        return {}
-    chosen = np.stack([mattes.ids == int(name.removeprefix(f"{OBJECTS}:"), 16) for name in layers], 1)
-    fine = refined_mattes(scene, chosen, view, backend)
-    covered = np.sum([images[name] for name in (own, *layers) if name in images], 0)
-    fine = fine * np.minimum(1, covered / np.maximum(fine.sum(-1), 1e-6))[..., None]
-    rest = {own: covered - fine.sum(-1)} if own in images else {}
-    return rest | {name: fine[..., k] for k, name in enumerate(layers)}
+    settings = DrawSettings(backend=backend)
+    if mattes is None:
+        return shoot(take_at, exposure, settings, passes)
+    selections = [*map(identify, mattes.names[1:])]
+    return shoot(
+        take_at,
+        exposure,
+        settings,
+        passes,
+        refine=lambda images, take: refine_passes(images, take, settings, selections),
+    )
 
 
 def write(file: Path, images: Mapping[str, np.ndarray], mattes: Mattes | None) -> None:

@@ -11,7 +11,7 @@ from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
 from .blend_weights import lift_masks
-from .objects import graph_of
+from .objects import graph_of, held_movers
 from .pixels import SHOWN, coverage_by
 from .score import logistic
 from .segmentation import FeaturePropagation, MaskDecoder, PropagationConfig
@@ -69,11 +69,13 @@ def follow_masks(
     static Gaussians, only those have scores.
     """
     fraction, total = lift_masks(scene, prompted, progress)
+    held, others = held_movers(scene, fraction * total, total)
+    held &= total <= config.min_blend_weight  # what comes to light later
     total = config.prompted_weight * total
     inside = fraction * total
     moves = inside[scene.moving].sum() / max(inside.sum(), 1e-12)
     both = 1 - config.one_kind < moves < config.one_kind
-    meant = both | (scene.moving == (moves >= config.one_kind))
+    meant = (both | (scene.moving == (moves >= config.one_kind))) & ~others
     views = views_of(scene)
     wanted = set(evenly_spaced(len(scene.cameras), config.lifted)) - set(prompted)
     for done, (frame, logits) in enumerate(decoder.propagate() if wanted else ()):
@@ -82,8 +84,9 @@ def follow_masks(
             seen = views.seen(scene, frame)
             inside[seen.rows] += seen.weights * logistic(logits)[seen.pixels]
             total[seen.rows] += seen.weights
-    scores = np.clip(inside / np.maximum(total, 1e-12), 0, 1)
-    return _from_neighbours(scene, scores, total > config.min_blend_weight, meant, config)
+    lost = held & (inside[held].sum() < SHOWN * total[held].sum())  # a mover's path tells more than how it looks then
+    scores = np.where(lost, 1, np.clip(inside / np.maximum(total, 1e-12), 0, 1))
+    return _from_neighbours(scene, scores, lost | (total > config.min_blend_weight), meant, config)
 
 
 def draw_views(scene: Scene, config: FollowConfig | None = None) -> None:

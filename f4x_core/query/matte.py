@@ -7,7 +7,7 @@ moves, by its difference from the background behind; a random walker with priors
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,10 @@ from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory, View
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.clouds import Cloud, Composite
+from ..scene.clouds import Cloud
+from ..scene.color import srgb_from_linear
+from ..scene.exposure import Take
+from ..scene.stage import MATTE, DrawSettings, draw
 from ..scene.view import render
 from .growing import walk_with_prior
 from .k_means import k_means, nearest
@@ -28,6 +31,14 @@ from .selection import Selection
 from .standing_out import BEHIND, unlike
 from .superpixels import OPPONENT
 
+OBJECTS = f"{MATTE}object"
+"""Pass of mattes that tells the selections of a scene apart."""
+MOVES = "moving"
+"""Layer of a cloud, (N,1): 1 for the Gaussians that move."""
+ABSENT = 1e-6
+"""Coverage below which nothing is covered."""
+BLOCKS = 50
+"""Reach of a window of colours, in blocks of pixels, at most about: a window of 480 columns, pixel by pixel."""
 UNCERTAIN = 0.02
 """Least probability of a pixel by its coverage alone, and of its opposite: so log-odds stay finite."""
 
@@ -61,6 +72,33 @@ def mattes(
     return np.stack(parts, -1)
 
 
+def refine_passes(
+    images: Mapping[str, np.ndarray], take: Take, settings: DrawSettings, selections: Collection[int]
+) -> dict[str, np.ndarray]:
+    """Return the mattes (H,W) of `images` anew: those of selections refined along their outlines, the others cover what is left.
+
+    Args:
+        images: passes of `exposure.shoot`, sharp; mattes are those of the pass `OBJECTS`.
+        take: what they show; its clouds tell by the layer `MOVES` which Gaussians move.
+        settings: those with which they were drawn.
+        selections: uint32 ids of selections.
+    """
+    coverage = {name: image for name, image in images.items() if name.startswith(OBJECTS)}
+    ids = {name: number for number in selections if (name := f"{OBJECTS}:{number:08x}") in coverage}
+    if not ids:
+        return {}
+    moves = {name: _moves(take.clouds, number) for name, number in ids.items()}
+    combined = images["combined"]
+    alpha = combined[..., 3:]
+    picture = srgb_from_linear(combined[..., :3] / np.where(alpha > 0, alpha, 1)) * alpha
+    under = _without_movers(take, settings, [OBJECTS]) if any(moves.values()) else {}
+    behind = np.dstack([under["rgb"], under["alpha"]]) if under else None
+    wider, config = take.camera.width / picture.shape[1], SELECT.matte  # a region of the picture
+    config = replace(config, reach=config.reach * wider, window=config.window * wider)
+    fine = {name: refine_matte(coverage[name], picture, behind if moves[name] else None, config) for name in ids}
+    return _shared_out(coverage, fine, under)
+
+
 def mask_video(
     scene: Scene, selection: Selection, trajectory: Trajectory, backend: str = "auto", progress: Progress = silent
 ) -> Iterator[np.ndarray]:
@@ -90,7 +128,8 @@ def refine_matte(
     band, inside, near = band[part], inside[part], coverage[part].astype(float)
     colour = np.clip(picture[part], 0, 1).astype(float) @ OPPONENT.T
     odds = np.clip(near, UNCERTAIN, 1 - UNCERTAIN)
-    odds = np.log(odds / (1 - odds)) + _colour_odds(colour, inside & ~band, ~inside & ~band, window, config)
+    odds = np.log(odds / (1 - odds))
+    odds[band] += _colour_odds(colour, band, inside, window, config)
     if background is not None:
         apart = unlike(picture[part], background[part][..., :3])
         by_background = np.clip((apart - config.differs) / config.unsure, -config.against, config.favour)
@@ -102,32 +141,66 @@ def refine_matte(
 
 def _background(scene: Scene, view: View, backend: str) -> np.ndarray:
     """Return (H,W,4) sRGB and alpha of the scene without its moving Gaussians."""
-    camera, time = view
-    cloud = Cloud.of_posed(scene.posed(time), scene.fitted_focal(time))
-    cloud = replace(cloud, opacities=cloud.opacities * ~scene.moving)
-    drawn = Composite.of([cloud], [{"rgb": cloud.colors(camera.center)}], {"rgb": 3}, camera).draw(backend)
-    return np.concatenate([drawn.layers["rgb"], drawn.alpha[..., None]], -1)
+    cloud = replace(Cloud.of_scene(scene, view.time), layers={MOVES: scene.moving[:, None]})
+    still = _without_movers(Take([cloud], [], view.camera), DrawSettings(backend=backend))
+    return np.dstack([still["rgb"], still["alpha"]])
+
+
+def _moves(clouds: Collection[Cloud], number: int) -> bool:
+    """Return True if most of the Gaussians with the id `number` move."""
+    chosen = [np.equal(cloud.mattes.get("object", 0), number) for cloud in clouds]
+    moving = [rows & (np.ravel(cloud.layers.get(MOVES, 0)) > 0) for cloud, rows in zip(clouds, chosen, strict=True)]
+    return sum(map(np.sum, moving)) > MOSTLY * sum(map(np.sum, chosen))
+
+
+def _without_movers(take: Take, settings: DrawSettings, passes: Collection[str] = ()) -> dict[str, np.ndarray]:
+    """Return `stage.draw` of what was taken without its moving Gaussians."""
+    still = [
+        replace(cloud, opacities=cloud.opacities * (np.ravel(cloud.layers.get(MOVES, 0)) == 0)) for cloud in take.clouds
+    ]
+    return draw(still, take.surfaces, take.camera, settings, passes=passes)
+
+
+def _shared_out(
+    mattes: Mapping[str, np.ndarray], fine: Mapping[str, np.ndarray], under: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Return mattes (H,W) that together cover what `mattes` do: `fine`, no more than that, and the others the rest.
+
+    What none of them covers goes to what is behind: `under`, passes without what moves.
+    """
+    covered, wanted = (np.sum([*each.values()], 0) for each in (mattes, fine))
+    cut = np.minimum(1, covered / np.maximum(wanted, ABSENT))
+    others = {
+        name: image + ABSENT * (under.get(name, image.mean()) + ABSENT)
+        for name, image in mattes.items()
+        if name not in fine
+    }
+    rest = (covered - wanted * cut) / np.sum([*others.values()], 0) if others else 0
+    return {name: each * cut for name, each in fine.items()} | {name: each * rest for name, each in others.items()}
 
 
 def _colour_odds(
-    colour: np.ndarray, thing: np.ndarray, around: np.ndarray, window: int, config: MatteConfig
+    colour: np.ndarray, band: np.ndarray, inside: np.ndarray, window: int, config: MatteConfig
 ) -> np.ndarray:
-    """Return log-odds (h,w) that a pixel of `colour (h,w,3)` is the thing's, by pixels `thing` and `around`, (h,w) bool, near it.
+    """Return log-odds (n,) that a pixel of `colour (h,w,3)` in the `band (h,w)` is the thing's, by others `inside (h,w)` near it.
 
     Each side's colours are a histogram over the main colours of the picture in a window; a pixel that is like several of them
     has their mean.
     """
     rows = colour.reshape(-1, 3).astype(np.float32)
     centres = k_means(rows, config.colours)
-    kind, sides = nearest(rows, centres).reshape(colour.shape[:2]), np.stack([thing, around], -1)
-    total = _sums(sides, window)
-    known = np.zeros((*kind.shape, 2))
-    for number, centre in enumerate(centres):
-        like = np.exp(-((colour - centre) ** 2).sum(-1) / (2 * config.alike**2))
-        known += like[..., None] * _sums(sides & (kind == number)[..., None], window)
-    part = known / np.maximum(total, 1) + config.unknown
-    enough = (total >= config.enough * (2 * window + 1) ** 2).all(-1)
-    return np.where(enough, np.log(part[..., 0] / part[..., 1]), 0)
+    step = max(1, round(window / BLOCKS))
+    height, width = (-(-size // step) for size in band.shape)
+    y, x = (place // step for place in np.indices(band.shape))
+    cell = ((inside * height + y) * width + x) * len(centres) + nearest(rows, centres).reshape(band.shape)
+    counts = np.bincount(cell[~band], minlength=2 * height * width * len(centres)).reshape(2, height, width, -1)
+    reach = round(window / step)
+    near = [_sums(side, reach)[y[band], x[band]].astype(float) for side in counts]  # (n,colours) around and inside
+    like = np.exp(-((colour[band][:, None] - centres) ** 2).sum(-1) / (2 * config.alike**2))
+    total = np.stack([around.sum(1) for around in near])
+    part = np.stack([(like * around).sum(1) for around in near]) / np.maximum(total, 1) + config.unknown
+    enough = (total >= config.enough * (2 * window + 1) ** 2).all(0)
+    return np.where(enough, np.log(part[1] / part[0]), 0)
 
 
 def _bonds(colour: np.ndarray, band: np.ndarray, config: MatteConfig) -> tuple[np.ndarray, np.ndarray]:

@@ -23,6 +23,7 @@ from .connected_objects import connect
 from .k_means import k_means, means, nearest
 from .kept import Kept
 from .marks import Mark
+from .movers import UNKNOWN, movers_of
 from .score import logistic
 from .select_config import MOVING, SELECT, Cutting, GraphConfig, KindConfig, SelectConfig, ThingConfig
 from .smoothing import LOOKS_ALIKE, field_of_looks
@@ -71,6 +72,8 @@ class Superpoints:
     """(n,) float64: how much each of these Gaussians differs from the background behind it; None: not known."""
     piece: np.ndarray | None = None
     """(P,) int64: superpoints of one piece move as one (`_pieces`), and a thing lies within one; None: all are one piece."""
+    mover: np.ndarray | None = None
+    """(P,) int64: superpoints of different movers are apart most of the time (`movers`); None: all are one mover."""
 
     def gather(self, weights: np.ndarray) -> np.ndarray:
         """(P,): sums over superpoints of the blend `weights (N,)` of all Gaussians of the scene."""
@@ -87,10 +90,24 @@ class Superpoints:
         return self.gather(values * weights) / np.maximum(self.gather(weights), 1e-12)
 
     def apart(self, marked: np.ndarray) -> np.ndarray:
-        """(P,) bool: superpoints of other pieces than the one with most of the blend weights `marked (P,)`."""
-        if self.piece is None or not len(self.piece):
-            return np.zeros(len(marked), bool)
-        return self.piece != np.bincount(self.piece, marked).argmax()
+        """(P,) bool: superpoints of other pieces and movers than those with most of the blend weights `marked (P,)`."""
+        other = np.zeros(len(marked), bool)
+        if self.piece is not None and len(self.piece):
+            other |= self.piece != np.bincount(self.piece, marked).argmax()
+        if self.mover is not None and len(self.mover):
+            mover = np.bincount(self.mover - UNKNOWN, marked).argmax() + UNKNOWN
+            other |= (self.mover != mover) & (self.mover != UNKNOWN) & (mover != UNKNOWN)
+        return other
+
+    def held_movers(self, inside: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) bool each: movers of which most of what is `seen (P,)` is `inside (P,)`, and the others; none where there is one."""
+        none = np.zeros(len(seen), bool)
+        if self.mover is None or not (self.mover > 0).any():
+            return none, none
+        own, shown = (np.bincount(self.mover - UNKNOWN, each * ~self.cast) for each in (inside, seen))
+        held = (own > MOSTLY * shown)[self.mover - UNKNOWN]
+        known = self.mover != UNKNOWN
+        return held & known, ~held & known
 
     def left_over(self, thing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(P,) bool each, outside `thing (P,)` bool: what is cast or a small piece that touches it; other things."""
@@ -185,12 +202,16 @@ def point_out(
     for exact in map(superpoints.gather, signs.exact):
         held |= exact > MOSTLY * seen
     held &= ~against & (seen > 0)
+    if not drawn_on:
+        against |= superpoints.held_movers(inside, inside + outside)[1]
     doubt = None if likely is None else 1 - superpoints.means(likely, signs.seen + UNSEEN)
     filled = 0.0 if drawn_on else superpoints.kind.filled
     chosen = held
     for start in map(superpoints.gather, signs.starts):
         other = superpoints.apart(np.where(against, 0, start)) if drawn_on else False
         chosen = chosen | superpoints.grow(start, against | other, doubt, filled)
+    # What is hidden behind another mover is lost and found again, as other superpoints, to which no bonds lead.
+    chosen = chosen | superpoints.held_movers(chosen * seen, seen)[0] & ~against
     return superpoints.with_edges(chosen, refused, len(scene.ids)) if chosen.any() else None
 
 
@@ -211,6 +232,16 @@ def _in_picture(scene: Scene, marks: Sequence[Mark], superpoints: Superpoints) -
     around = superpoints.spread(superpoints.means(fraction, seen), len(seen))
     chosen = (np.where(seen > superpoints.config.thing.shows, fraction, around) > MOSTLY) & ~scene.moving
     return chosen.astype(float) if chosen.any() else None
+
+
+def held_movers(
+    scene: Scene, inside: np.ndarray, seen: np.ndarray, config: SelectConfig = SELECT
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) bool each: the Gaussians of movers of whose blend weights `seen (N,)` most is `inside (N,)`, and of the other ones."""
+    superpoints = graph_of(scene, config).moving
+    found = superpoints.held_movers(superpoints.gather(inside), superpoints.gather(seen))
+    held, others = (superpoints.spread(part.astype(float), len(seen)) > 0 for part in found)
+    return held, others
 
 
 class _Signs(NamedTuple):
@@ -314,9 +345,8 @@ def _moving_superpoints(
     if weight[cast].sum() > MOSTLY * weight.sum():  # the background holds the things, too, and tells nothing
         cast[:] = False
     unlike = differences[rows] / weights[rows]
-    return Superpoints(
-        rows, index, weight, bonds, near, blend, cast, config.thing.moving, config, unlike=unlike, piece=piece
-    )
+    mover = movers_of(ways.places, ways.presence, weight * ~cast, bonds, config.movers)
+    return Superpoints(rows, index, weight, bonds, near, blend, cast, config.thing.moving, config, unlike, piece, mover)
 
 
 def _static_superpoints(scene: Scene, appearance: np.ndarray, weights: np.ndarray, config: SelectConfig) -> Superpoints:

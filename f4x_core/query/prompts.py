@@ -17,6 +17,7 @@ from ..geometry.camera import CameraPath
 from ..language.cast_words import caster, is_cast
 from ..progress import Progress, silent
 from ..scene import Scene
+from ..scene.people import people_of
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
 from .cast import cast_of, without_shadow
@@ -25,7 +26,7 @@ from .following import decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
-from .objects import point_out
+from .objects import MOSTLY, graph_of, point_out
 from .people import is_of_people, person_at, rows_of_people
 from .pixels import label_scores
 from .score import THRESHOLD, target_score
@@ -167,26 +168,48 @@ def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOpt
     scores = None
     if options.decoder is None and all(prompt.mask is None for prompt in checked.values()):
         marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]
-        scores = _pointed_at(scene, marks, options)
+        scores = _pointed_at(scene, marks, None, options)
     if scores is None:
         scores = _followed(scene, prompts, options)
     return _selection(scene, scores, options, _marked_at(prompts))
 
 
-def _pointed_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray | None:
-    """(N,) scores of the person or the thing that points and boxes show; None where they show nothing."""
-    size = (scene.cameras.height, scene.cameras.width)
-    if len(marks) == 1 and marks[0].on and not marks[0].around:  # a click on a person means the person
-        person = person_at(scene, marks[0].pixels(size) > 0, marks[0].frame, options.part)
-        if person is not None:
-            return person.astype(float)
-    chosen = point_out(scene, marks, config=options.config)
-    frames = [mark.frame for mark in marks]
+def _pointed_at(
+    scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None, options: SelectOptions
+) -> np.ndarray | None:
+    """(N,) scores of the person or the thing that marks show, by `likely (N,)` words, too; None where they show nothing."""
+    person = None if likely is not None else _person_at(scene, marks, options)
+    if person is not None:
+        return person.astype(float)
+    chosen = point_out(scene, marks, likely, options.config)
+    frames = sorted({mark.frame for mark in marks})
     return (
         None
         if chosen is None
         else follow_thing(scene, chosen, frames, options.config, options.backend, options.progress)
     )
+
+
+def _person_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray | None:
+    """(N,) bool: the person whom the first of `marks` clicks, with `options.part` the part of the body; None for no click on one.
+
+    A fit finds a person in some frames and not in others, and clothes, hair and what is carried move along: so the person has all
+    that the click points out, where most of that is the person's; a horse is more than its rider. Later marks add and take away
+    what they do of things.
+    """
+    size, first = (scene.cameras.height, scene.cameras.width), marks[0]
+    people = people_of(scene)
+    if people is None or not first.on or first.around or (options.part and len(marks) > 1):
+        return None
+    person = person_at(scene, first.pixels(size) > 0, first.frame, options.part)
+    alone = None if person is None or options.part else point_out(scene, marks[:1], config=options.config)
+    if person is None or alone is None or not alone[scene.moving].any():
+        return person if len(marks) == 1 else None
+    superpoints, thing = graph_of(scene, options.config).moving, alone > 0
+    own, whole = (superpoints.weight @ superpoints.means(rows, np.ones(len(rows))) for rows in (person & thing, thing))
+    person = person | thing & (people.person == 0) if own > MOSTLY * whole else person
+    chosen = alone if len(marks) == 1 else point_out(scene, marks, config=options.config)
+    return None if chosen is None else (person | (chosen > alone)) & (chosen >= alone)
 
 
 def _followed(scene: Scene, prompts: dict[int, dict], options: SelectOptions) -> np.ndarray:
@@ -217,19 +240,17 @@ def select_by_evidence(
     not meant; `words`: what words select, whose scores count as probabilities. Raises F4xError: marks that are empty, outside
     the clip or on nothing, or that leave nothing.
     """
-    config, likely = options.config, None if words is None else words.scores
-    chosen = point_out(scene, check_marks(marks, len(scene.cameras)), likely, config)
-    if chosen is None:
+    marks = check_marks(marks, len(scene.cameras))
+    scores = _pointed_at(scene, marks, None if words is None else words.scores, options)
+    if scores is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
-    frames = sorted({mark.frame for mark in marks})
-    scores = follow_thing(scene, chosen, frames, config, options.backend, options.progress)
     size = (scene.cameras.height, scene.cameras.width)
     masks: dict[int, np.ndarray] = {}
     for mark in marks:
         if mark.on and mark.exact and mark.around:
             masks[mark.frame] = masks.get(mark.frame, False) | mark.pixels(size)
-    scores = _as_in_masks(scene, scores, masks, config.thing, adds=all(mark.on for mark in marks))
-    label = _marked_at(frames)
+    scores = _as_in_masks(scene, scores, masks, options.config.thing, adds=all(mark.on for mark in marks))
+    label = _marked_at(sorted({mark.frame for mark in marks}))
     return _selection(scene, scores, options, label if words is None else f"{words.label}, {label}")
 
 

@@ -73,6 +73,29 @@ class GraphConfig:
 
 
 @dataclass(frozen=True)
+class MoverConfig:
+    """Movers that are apart most of the time (`movers`).
+
+    Chosen on fits of rendered people and things that cross (people-cross, crossing), where 1.5 and 2.5 in place of `gap` find both
+    movers, and on dog, camel, car-shadow and blackswan, which stay in one piece with either.
+    """
+
+    gap: float = 2.0
+    """Superpoints are linked across so many usual distances to the nearest one."""
+    usual: float = 0.9
+    """Quantile of these distances that is usual: what sticks out of a thing, as a leg does, lies apart a little."""
+    least: float = 0.05
+    """Fraction of the blend weights that a mover has at least, and a cluster that counts."""
+    apart: float = 0.5
+    """Fraction of the times both are there at which two movers are apart, at least."""
+    meet: float = 0.5
+    """Times at which superpoints of two movers are both there, at least, as a fraction of those at which two of one are: above 1
+    for true movers, .1 for what is lost behind another mover and found again."""
+    sure: float = 0.25
+    """Difference of that fraction by which it is known which of two movers a superpoint belongs to."""
+
+
+@dataclass(frozen=True)
 class Cutting:
     """Choice of the thing's outline among those along a walk."""
 
@@ -251,6 +274,8 @@ class SelectConfig:
 
     graph: GraphConfig = field(default_factory=GraphConfig)
     """Superpoints and their bonds."""
+    movers: MoverConfig = field(default_factory=MoverConfig)
+    """Movers that are apart most of the time."""
     thing: ThingConfig = field(default_factory=ThingConfig)
     """Membership of a marked thing."""
     picture: PictureConfig = field(default_factory=PictureConfig)

@@ -95,6 +95,7 @@ def shoot(
     settings: DrawSettings,
     passes: Collection[str] = (),
     *,
+    refine: Callable[[dict[str, np.ndarray], Take], dict[str, np.ndarray]] | None = None,
     progress: Progress = silent,
 ) -> dict[str, np.ndarray]:
     """Take one picture: `stage.draw`'s passes, with `combined (H,W,4)` in place of `rgb`: linear light, premultiplied alpha.
@@ -104,6 +105,8 @@ def shoot(
         exposure: shutter and lens. Passes of `SHARP` are not blurred.
         settings: of `stage.draw`; its `cameras` and `finish` are filled in.
         passes: of `stage.draw`.
+        refine: function of the passes of a sharp picture, and of what it shows, that returns some of them anew; what is blurred
+            has no edge.
         progress: of `stage.draw`, over all sharp pictures.
 
     Raises:
@@ -111,7 +114,9 @@ def shoot(
     """
     beside = (take_at(-1.0), take_at(1.0)) if "vector" in passes else None
     if not exposure.blurs:
-        return draw_one(take_at(0.0), beside, settings, passes, progress)
+        take = take_at(0.0)
+        images = draw_one(take, beside, settings, passes, progress)
+        return images | refine(images, take) if refine else images
     soft = [name for name in passes if name not in SHARP]
     sharp = [name for name in passes if name in SHARP]
     count = exposure.samples + bool(sharp)

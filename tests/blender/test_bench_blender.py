@@ -21,4 +21,5 @@ def test_rows_of_a_small_scene():
     assert rows["motion"]["position"] < 1e-5 and rows["motion"]["rotation"] < 1e-5
     assert rows["registration"]["registered"] > 100 and rows["registration"]["left"] == []
     assert rows["cancel"]["state"] == "cancelled" and rows["cancel"]["seconds"] < 2
+    assert rows["click"]["gaussians"] == 1000 and rows["click"]["moving_seconds"] < 5
     assert "left_out" in rows["query"]  # a random scene has no words

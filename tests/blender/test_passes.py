@@ -8,6 +8,8 @@ import pytest
 from labelled_scene import labelled_scene, square_mask
 
 from f4x_core.cli.main import main
+from f4x_core.geometry.trajectory import View
+from f4x_core.query.matte import mattes
 from f4x_core.scene import write_scene
 from f4x_core.scene.color import linear_from_srgb
 from f4x_core.scene.cryptomatte import identify
@@ -188,6 +190,19 @@ def test_named_selections_and_collections_are_mattes(folder):
     collection = found["CryptoAsset00"]
     np.testing.assert_allclose(collection[..., 1], found["Alpha"], atol=1e-5)
     assert set(np.unique(collection[..., 0].copy().view(np.uint32))) == {identify("shot")}
+
+
+def test_mattes_of_selections_follow_the_edges_of_the_picture(folder):
+    scene, (found, _) = labelled_scene(), passes(folder, "named")
+    expected = mattes(scene, scene.moving[:, None], View(scene.cameras[T], T))[..., 0]
+    covered = render(scene, scene.cameras[T], T, (), values={"hero": scene.moving[:, None].astype(np.float32)})["hero"]
+    assert np.abs(covered[..., 0] - expected).max() > 0.1
+
+    pairs = np.concatenate([found[f"CryptoObject0{number}"] for number in range(3)], -1)
+    ids, parts = pairs[..., ::2].copy().view(np.uint32), pairs[..., 1::2]
+    hero = (parts * (ids == identify("hero"))).sum(-1)
+    np.testing.assert_allclose(hero, np.minimum(expected, found["Alpha"]), atol=2e-3)  # no more than the scene covers
+    np.testing.assert_allclose(parts.sum(-1), found["Alpha"], atol=1e-4)
 
 
 def test_motion_blur_and_depth_of_field_are_the_cores(folder):

@@ -59,7 +59,7 @@ class Lifted:
         monkeypatch.setattr(following, "lift_masks", self.lift)
         monkeypatch.setattr(following, "_from_neighbours", self.fill)
         monkeypatch.setattr(following, "views_of", lambda scene: self)
-        monkeypatch.setattr(prompts, "point_out", lambda scene, asked, config: None)
+        monkeypatch.setattr(prompts, "point_out", lambda scene, asked, likely=None, config=None: None)
 
     def lift(self, scene, masks, progress):
         self.masks |= masks
@@ -161,7 +161,9 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
     pointed = []
     scores = np.random.default_rng(1).random(len(scene.ids))
     monkeypatch.setattr(
-        prompts, "point_out", lambda scene, asked, config: pointed.append([mark.frame for mark in asked]) or scores
+        prompts,
+        "point_out",
+        lambda scene, asked, likely=None, config=None: pointed.append([mark.frame for mark in asked]) or scores,
     )
     point, mask = {"points": [[3, 3]]}, {"mask": square_mask(0)}
     found = select_by_prompts(scene, {0: point, 2: point}, SelectOptions(config=PROMPTED))
@@ -176,7 +178,9 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
         ({2: mask, 0: mask}, "what is marked at frame 2, 0"),
     ):
         Lifted(monkeypatch, scene)
-        monkeypatch.setattr(prompts, "point_out", lambda scene, asked, config: pytest.fail("a mask is no point"))
+        monkeypatch.setattr(
+            prompts, "point_out", lambda scene, asked, likely=None, config=None: pytest.fail("a mask is no point")
+        )
         assert select_by_prompts(scene, asked).label == label
 
 
@@ -349,3 +353,16 @@ def test_thousands_of_short_lives_take_as_few_moments_as_their_lengths_allow():
     assert not not_deleted.not_deleted(removed).any() and not removed.times
     inside = Edited(lambda time: ((start <= time) & (time <= start + 1)).astype(float), spans)
     assert not_deleted.not_deleted(inside).all()
+
+
+def test_a_mask_keeps_to_its_mover_and_holds_all_of_it(scene, monkeypatch):
+    """Of two movers that cross one lies in the mask: following takes the other, too, and it or its path tells of what is unseen."""
+    moving_fraction(scene, Lifted(monkeypatch, scene), 1.0)
+    moving = np.flatnonzero(scene.moving)
+    held, others = (np.isin(np.arange(len(scene.ids)), rows) for rows in (moving[1:5], moving[5:9]))
+    monkeypatch.setattr(following, "held_movers", lambda scene, inside, seen: (held.copy(), others.copy()))
+    for lost in (True, False):
+        decoder = Decoder({2: logits(0)}, {t: logits(10 + t) + (-9 if lost else 9) for t in range(FRAMES)})
+        found = select_by_prompts(scene, {2: {"mask": square_mask(2)}}, SelectOptions(decoder=decoder))
+        assert (found.scores[others] == 0).all()
+        assert (found.scores[held] == 1).all() if lost else (found.scores[held] < 1).all()

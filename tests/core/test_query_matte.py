@@ -1,5 +1,7 @@
 """Mattes are refined along outlines: by colours near them, by the background behind and along edges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from labelled_scene import labelled_scene, square_mask
@@ -11,6 +13,9 @@ from f4x_core.query.pixels import coverage_image
 from f4x_core.query.prompts import select_by_text
 from f4x_core.query.score import overlap
 from f4x_core.scene import Scene
+from f4x_core.scene.clouds import Cloud
+from f4x_core.scene.exposure import Exposure, Take, shoot
+from f4x_core.scene.stage import DrawSettings
 from f4x_core.scene.view import render
 
 SHAPE = (120, 480)
@@ -92,3 +97,45 @@ def test_the_background_is_the_scene_without_what_moves():
     still = render(Scene("still", scene.static, scene.cameras), *view, ("rgb", "alpha"))
     found = matte._background(scene, view, "auto")
     np.testing.assert_allclose(found, np.dstack([still["rgb"], still["alpha"]]), atol=1e-5)
+
+
+def test_mattes_of_a_picture_are_refined_and_share_what_is_covered():
+    """Two clouds, as Blender has them: what the moving one gives up goes to the one behind it, and nothing to a third."""
+    scene, time = labelled_scene(), 2.0
+    camera, whole = scene.cameras[2], Cloud.of_scene(labelled_scene(), 2.0)
+    still = Cloud.of_scene(Scene("still", scene.static, scene.cameras), time)
+    aside = replace(still, to_world=np.diag([1.0, 1.0, -1.0, 1.0]))
+    moving = {
+        name: getattr(whole, name)[scene.moving] for name in ("means", "quats", "scales", "opacities", "sh", "turn")
+    }
+    clouds = [
+        replace(still, mattes={"object": np.full(len(still.means), 7, np.uint32)}),
+        replace(whole, **moving, mattes={"object": np.full(scene.moving.sum(), 5, np.uint32)}),
+        replace(aside, mattes={"object": np.full(len(aside.means), 9, np.uint32)}),
+    ]
+    clouds[1] = replace(clouds[1], layers={matte.MOVES: np.ones((scene.moving.sum(), 1), bool)})
+    settings, take = DrawSettings(), Take(clouds, [], camera)
+    plain = shoot(lambda offset: take, Exposure(), settings, ["alpha", matte.OBJECTS])
+    found = shoot(
+        lambda offset: take, Exposure(), settings, ["alpha", matte.OBJECTS],
+        refine=lambda images, take: matte.refine_passes(images, take, settings, [5, 6]),
+    )  # fmt: skip
+    own, behind, other = (f"{matte.OBJECTS}:{number:08x}" for number in (5, 7, 9))
+    expected = matte.mattes(scene, scene.moving[:, None], View(camera, time))[..., 0]
+    np.testing.assert_allclose(found[own], np.minimum(expected, plain["alpha"]), atol=1e-4)
+    assert np.abs(found[own] - plain[own]).max() > 0.1
+    np.testing.assert_allclose(found[own] + found[behind] + found[other], plain["alpha"], atol=1e-4)
+    assert np.abs(found[other]).max() < 1e-4
+    assert matte.refine_passes(plain, take, settings, [6]) == {}
+
+
+def test_what_is_blurred_is_not_refined():
+    scene = labelled_scene()
+    take = Take([Cloud.of_scene(scene, 0.0)], [], scene.cameras[0])
+    shoot(
+        lambda offset: take,
+        Exposure(2, 0.0, 1.0),
+        DrawSettings(),
+        ["alpha"],
+        refine=lambda *given: pytest.fail("blurred"),
+    )

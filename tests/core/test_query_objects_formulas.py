@@ -399,3 +399,33 @@ def test_words_are_evidence_against_what_they_do_not_mean(monkeypatch):
     pointing = Pointing(monkeypatch, whole, whole)
     likely = weights(r4=1.0, r5=0.9, r6=0.1, r7=0.0)
     assert pointing([POINT], likely, starts=[weights(r4=1.0)]) == [4, 5]
+
+
+MOVERS = np.array([0, 0, 1, 1])
+
+
+def test_a_click_means_one_of_the_movers_and_all_of_it(pointing):
+    """The second superpoint of the first mover comes to light later: no bond leads to it."""
+    lone = chain(np.ones(4), [0, 1, 1], mover=MOVERS)
+    given = Pointing(pointing.monkeypatch, lone, lone)
+    assert given([POINT], starts=[weights(r4=1.0)], seen=weights(r4=1.0, r6=1.0, r7=1.0)) == [4, 5]
+    assert given([POINT], starts=[weights(r6=1.0)], seen=weights(r4=1.0, r6=1.0, r7=1.0)) == [6, 7]
+    alone = Pointing(pointing.monkeypatch, replace(lone, mover=None), lone)
+    assert alone([POINT], starts=[weights(r6=1.0)]) == [5, 6, 7]
+
+
+def test_a_box_leaves_out_a_mover_that_lies_outside_of_it(pointing):
+    linked = chain(np.ones(4), [1, 1, 1], mover=MOVERS)
+    given, start = Pointing(pointing.monkeypatch, linked, linked), weights(r4=1.0, r5=1.0, r6=0.4)
+    assert given([BOX], starts=[start], inside=start, outside=weights(r7=1.0)) == [4, 5]
+    unknown = Pointing(pointing.monkeypatch, replace(linked, mover=np.full(4, -1)), linked)
+    assert unknown([BOX], starts=[start], inside=start, outside=weights(r7=1.0)) == [4, 5, 6]
+
+
+def test_a_mover_is_held_by_what_is_seen_of_it():
+    superpoints = chain(np.ones(5), [1, 1, 1, 1], mover=np.array([0, 0, 1, 1, -1]))
+    seen = np.array([1.0, 3.0, 1.0, 1.0, 5.0])
+    held, others = superpoints.held_movers(seen * [0, 1, 0, 1, 1], seen)
+    assert held.tolist() == [True, True, False, False, False] and others.tolist() == [False, False, True, True, False]
+    for alone in (None, np.array([0, 0, 0, 0, -1])):
+        assert not np.any(replace(superpoints, mover=alone).held_movers(seen, seen))

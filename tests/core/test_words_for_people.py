@@ -16,6 +16,7 @@ from f4x_core.edit.selecting import read_selecting
 from f4x_core.errors import F4xError
 from f4x_core.fit.people import nearest_part, with_people_of
 from f4x_core.priors.joints import LIMBS
+from f4x_core.query import prompts
 from f4x_core.query.prompts import SelectOptions, select_by_points
 from f4x_core.query.questions import answer
 from f4x_core.scene import read_scene, write_scene
@@ -93,6 +94,42 @@ def test_a_click_on_a_person_means_the_person():
     row, column = np.argwhere(square_mask(0)).mean(0)
     found = select_by_points(scene, [(column, row)], 0)
     assert np.array_equal(found.chosen, people_of(scene).person == 1)
+
+
+@pytest.mark.parametrize("tagged", [0.4, 0.6])
+def test_a_click_means_all_that_moves_with_a_person_who_is_most_of_it(monkeypatch, tagged):
+    """A fit found the person in some of the Gaussians that move as one; of a horse the rider is the smaller part."""
+    scene = labelled_scene(features=False)
+    moving = np.flatnonzero(scene.moving)
+    person = np.zeros(len(scene.ids), np.uint8)
+    person[moving[: round(tagged * len(moving))]] = 1
+    person[moving[-2:]] = 2
+    scene = with_people(scene, People(person, person * 0))
+    row, column = np.argwhere(square_mask(0)).mean(0)
+    monkeypatch.setattr(prompts, "person_at", lambda scene, pixels, frame, part: person == 1)
+    found = select_by_points(scene, [(column, row)], 0).chosen
+    assert np.array_equal(found, scene.moving & (person != 2) if tagged > 0.5 else person == 1)
+
+
+def test_later_marks_add_to_a_person_and_take_away(monkeypatch):
+    scene = scene_with_people()
+    people, rows = people_of(scene), np.arange(len(scene.ids))
+    one, other, third = (
+        np.isin(rows, np.flatnonzero(scene.moving)[part]) for part in (slice(5), slice(5, 9), slice(9, 11))
+    )
+    thing = {(True,): one | third, (True, True): one | other | third, (True, False): one}
+    monkeypatch.setattr(prompts, "person_at", lambda scene, pixels, frame, part: third & (people.person == 1))
+    monkeypatch.setattr(
+        prompts, "point_out", lambda scene, marks, config: thing[tuple(mark.on for mark in marks)].astype(float)
+    )
+    row, column = np.argwhere(square_mask(0)).mean(0)
+
+    def found(*labels):
+        return select_by_points(scene, [(column, row)] * len(labels), 0, labels=labels).chosen
+
+    assert np.array_equal(found(True), third)
+    assert np.array_equal(found(True, True), third | other)
+    assert not found(True, False).any()
 
 
 def test_labels_survive_the_file_baking_and_a_background(tmp_path):
