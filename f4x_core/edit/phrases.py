@@ -266,8 +266,8 @@ _NO_SUPERLATIVES = word_set("forest nest chest vest guest west crest priest harv
 
 
 _NOUNS = word_set(
-    "dress sail path curb stone splash sky floor coat mask head hair hand wheel cover slide park plant stick brush pan "
-    "brake kite tail wrap bin axe float duck beam veil cloak balloon trash pump cap"
+    "dress sail path curb stone splash sky floor ground coat mask head hair hand wheel cover slide park plant stick brush "
+    "pan brake kite tail wrap bin axe float duck beam veil cloak balloon trash pump cap"
 )
 """Words of the grammar that are things behind an article."""
 

@@ -11,14 +11,16 @@ from ..language.cast_words import is_cast
 from ..scene import Scene
 from .attached import attached, mostly
 from .floaters import is_floaters
+from .ground import is_of_ground
 from .objects import MOSTLY, graph_of
 from .people import is_of_people
 from .select_config import SELECT, SelectConfig
 
 
 def needs_no_teacher(scene: Scene, label: str) -> bool:
-    """True if the scene itself tells what `label` means, and no vocabulary has to know it: what is cast, floaters, known people."""
-    return is_cast(label) or is_floaters(label) or is_of_people(scene, label)
+    """Return True if the scene itself tells what `label` means, and no vocabulary has to know it: what is cast, the ground,
+    floaters, known people."""
+    return is_cast(label) or is_of_ground(scene, label) or is_floaters(label) or is_of_people(scene, label)
 
 
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:

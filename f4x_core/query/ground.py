@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import F4xError
+from ..features.unknown import unknown_kind
+from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..scene import Scene
 
@@ -37,6 +40,14 @@ MIN_ANGLE = 0.02
 """Sine of the angle at a point, from which on three points tell a plane."""
 REFINED = 4
 """Times that a plane is fitted to what lies in it."""
+GROUND_WORDS = re.compile(r"(?:the )?(?:ground|floor)", re.IGNORECASE)
+"""Names of the floor as a whole; that it is grass or a road, its shape does not tell."""
+UNEVEN = 2.0
+"""Height of the ground's own Gaussians from its plane, in `THICKNESS`: it is less even than the part that tells the plane."""
+LEVEL = 0.5
+"""Least cosine of the angle between the ground's normal and that of a Gaussian of it: feet of walls are as low and upright."""
+FLAT = 0.5
+"""Largest ratio of a Gaussian's least axis to its middle one at which it has a normal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +121,36 @@ def find_ground(scene: Scene) -> Plane:
     if within < MIN_FLOOR * area.sum() or within < MIN_PEAK * above:
         raise F4xError(f"No floor was found in {scene.name}; place three points on it instead.")
     return plane
+
+
+def is_of_ground(scene: Scene, label: str) -> bool:
+    """Return True if `label` means the ground, and no teacher of the scene knows that word: then its shape tells."""
+    heads = [] if scene.features is None else scene.features.heads
+    encoders = [head.spec.text_encoder for head in heads if head.spec.text_encoder]
+    return GROUND_WORDS.fullmatch(label.strip()) is not None and all(unknown_kind(one, label) for one in encoders)
+
+
+def ground_scores(scene: Scene) -> np.ndarray:
+    """Return (N,) float64: 1 for the static Gaussians of the floor, 0 for all others.
+
+    Raises F4xError where there is no floor.
+    """
+    try:
+        plane, size = find_ground(scene), _surface(scene)[2]
+    except F4xError:
+        raise F4xError(
+            f"In the scene '{scene.name}' no ground was found: no large level surface lies below the rest; click on the ground or"
+            " draw a box around it."
+        ) from None
+    static = scene.static
+    order = np.argsort(static.scales, axis=1)
+    axes = quaternion.to_matrix(static.quats.astype(np.float64))
+    normal = np.take_along_axis(axes, order[:, None, :1], axis=2)[..., 0]
+    least, middle = (np.take_along_axis(static.scales, order[:, i : i + 1], axis=1)[:, 0] for i in (0, 1))
+    upright = (least < FLAT * middle) & (abs(normal @ plane.normal) < LEVEL)
+    scores = np.zeros(len(scene.ids))
+    scores[: len(static)] = (abs(plane.height(static.means)) < UNEVEN * THICKNESS * size) & ~upright
+    return scores
 
 
 def _refined(plane: Plane, points: np.ndarray, area: np.ndarray, tolerance: float) -> Plane:

@@ -23,6 +23,7 @@ from .calibration import word_probabilities
 from .cast import cast_of, without_shadow
 from .floaters import floater_scores, is_floaters
 from .following import decoder_of, follow_masks, follow_thing
+from .ground import ground_scores, is_of_ground
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
@@ -75,19 +76,20 @@ def select_by_text(
     """Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
 
     Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. Shadows and the like are found by what
-    is behind them (`cast`), floaters by what is around them (`floaters`). This and every other selection leaves out what edits
-    have deleted (`not_deleted`).
+    is behind them (`cast`), floaters by what is around them (`floaters`), the ground by its shape (`ground`). This and every
+    other selection leaves out what edits have deleted (`not_deleted`).
     """
     cast = [label for label in labels if is_cast(label)]
-    floaters = [label for label in labels if is_floaters(label)]
+    shaped = {label: floater_scores for label in labels if is_floaters(label)}
+    shaped |= {label: ground_scores for label in labels if is_of_ground(scene, label)}
     people = [label for label in labels if is_of_people(scene, label)]
-    things = [label for label in labels if label not in (*cast, *floaters, *people)]
+    things = [label for label in labels if label not in (*cast, *shaped, *people)]
     parts = []
     for label in people:
         rows = rows_of_people(scene, label)
         parts.append(_selection(scene, rows.astype(float), options, label))
-    for label in floaters:
-        parts.append(_selection(scene, floater_scores(scene), options, label))
+    for label, scores_of in shaped.items():
+        parts.append(_selection(scene, scores_of(scene), options, label))
     for label in cast:
         whose = caster(label)
         casting = [whose] if whose is not None else [*people, *things]  # "the dog and its shadow"

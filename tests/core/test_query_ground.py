@@ -1,6 +1,7 @@
 """The floor of scenes whose floor is known, and of scenes that have none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ from floater_scenes import planted
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
-from f4x_core.query.ground import Plane, find_ground, leaning, plane_through
+from f4x_core.query.ground import Plane, find_ground, ground_scores, is_of_ground, leaning, plane_through
+from f4x_core.query.knowledge import refuse_unknown
+from f4x_core.query.prompts import select_by_text
 
 
 @pytest.mark.parametrize("kind", ["room", "street", "statue", "meadow"])
@@ -49,3 +52,43 @@ def test_a_plane_through_three_points():
     assert plane.distance == pytest.approx(-1) and plane.height(np.array([[0, 0, 0.0]]))[0] == pytest.approx(1)
     with pytest.raises(F4xError, match="nearly on one line"):
         plane_through(np.array([[0, 0, 0], [1, 0, 0], [2, 1e-3, 0]]), np.ones(3))
+
+
+@pytest.mark.parametrize("kind", ["room", "street", "statue", "meadow"])
+def test_the_ground_is_what_lies_level_in_its_plane(kind):
+    scene, _, _ = planted(kind, 31)
+    scene = replace(scene, static=replace(scene.static, scales=np.full_like(scene.static.scales, 0.05)))  # round ones
+    count, low = len(scene.static), abs(scene.static.means[:, 1] - 1) < 0.01
+    scores = ground_scores(scene)
+    assert set(np.unique(scores)) == {0.0, 1.0} and not scores[count:].any()
+    assert scores[:count][low].mean() > 0.9
+    assert not scores[:count][scene.static.means[:, 1] < 0.5].any()
+    np.testing.assert_array_equal(select_by_text(scene, ["the floor"]).chosen, scores > 0)  # without any features
+    refuse_unknown(scene, "ground")
+
+
+def test_feet_of_walls_are_no_ground():
+    scene, _, _ = planted("room", 31)
+    flat = np.tile(np.float32([0.05, 0.05, 0.001]), (len(scene.static), 1))  # normals along z: upright, all of them
+    upright = replace(scene.static, scales=flat, quats=np.tile(np.float32([1, 0, 0, 0]), (len(flat), 1)))
+    assert not ground_scores(replace(scene, static=upright)).any()
+
+
+def test_a_scene_without_ground_says_what_to_do_instead():
+    scene, _, _ = planted("cave", 31)
+    with pytest.raises(F4xError, match=r"no ground was found.*click on the ground"):
+        select_by_text(scene, ["ground"])
+
+
+@pytest.mark.parametrize(
+    ("label", "ground"), [("ground", True), ("The floor", True), ("grass", False), ("ground beetle", False)]
+)
+def test_words_for_the_ground(label, ground):
+    assert is_of_ground(planted("room", 31)[0], label) == ground
+
+
+@pytest.mark.parametrize(("encoder", "shape"), [("minilm", True), ("another", False)])
+def test_a_teacher_that_knows_the_word_is_asked(encoder, shape):
+    scene = planted("room", 31)[0]
+    head = SimpleNamespace(spec=SimpleNamespace(text_encoder=encoder))
+    assert is_of_ground(SimpleNamespace(features=SimpleNamespace(heads=[head]), name=scene.name), "ground") == shape
