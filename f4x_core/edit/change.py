@@ -44,7 +44,7 @@ MAX_NUMBER = 1e6
 MAX_SCALE = 1e3
 """A size, speed or factor beyond it, or below its inverse, is a slip of the pen."""
 SHOWN = 10.0
-"""Opacity factor that makes anything opaque that is there at all."""
+"""Opacity factor that stands for showing again: as opaque as fitted."""
 DIRECTIONS: dict[Where, Vector] = {
     "near": (0.0, 0.0, 0.0), "left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, -1.0, 0.0),
     "below": (0.0, 1.0, 0.0), "behind": (0.0, 0.0, 1.0), "front": (0.0, 0.0, -1.0),

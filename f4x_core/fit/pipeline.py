@@ -37,6 +37,7 @@ from .harmonics import GAIN_DB
 from .model import NodeSet, SceneModel
 from .needs import Need, Shortage, lack_in_words, moving_fraction
 from .people import with_people_of
+from .schedule import steps_at
 from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .tints import tinted_scene
@@ -333,10 +334,14 @@ def _steps_need(trainer: Trainer) -> list[Need]:
     """Return how many of the steps were done and why, where a fit may end early."""
     if not trainer.aside_psnr:
         return []
-    ending, total = trainer.config.ending, trainer.config.steps
-    measured = ", ".join(f"{value:.2f}" for value in trainer.aside_psnr)
-    why = f"{len(trainer.aside)} frames kept aside had {measured} dB; at least {ending.min_gain:+g} dB each time was wanted"
-    return [Need("steps", f"{total - trainer.skipped:,} of {total:,}", why, f"{trainer.skipped:,} steps skipped")]
+    ending, total, skipped = trainer.config.ending, trainer.config.steps, trainer.skipped
+    after = sorted(steps_at(ending.at, total))
+    measured = ", ".join(
+        f"{value:.2f} dB after {step:,}" for step, value in zip(after, trainer.aside_psnr, strict=False)
+    )
+    why = f"{len(trainer.aside)} frames kept aside had {measured} steps; at least {ending.min_gain:+g} dB each time was wanted"
+    early = "ended early, " if skipped else ""
+    return [Need("steps", f"{early}{total - skipped:,} of {total:,}", why, f"{skipped:,} steps skipped")]
 
 
 def _static_set(model: SceneModel) -> StaticSet:

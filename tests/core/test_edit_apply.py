@@ -23,6 +23,7 @@ from f4x_core.edit.apply import (
 )
 from f4x_core.edit.colours import colours_of, lab_from_rgb, rgb_from_lab
 from f4x_core.edit.operations import (
+    SHOWN,
     Delete,
     Duplicate,
     Extract,
@@ -482,3 +483,32 @@ def test_open_scene_says_how_to_open_a_broken_one(tmp_path):
     write_scene(base_of(with_operations(SCENE, Delete(SOME))), path)
     assert (open_scene(path).posed(0).opacities[SOME_ROWS] == 0).all()
     assert (open_scene(path, edits=False).posed(0).opacities > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("before", "gone"),
+    [
+        ([], False),
+        ([Opacity(SOME, 0.0)], False),
+        ([Opacity(SOME, 0.0, frames=(1, 2))], False),
+        ([Opacity(SOME, 0.4)], False),
+        ([Opacity(SOME, 0.0, (0.0, 4.0), "linear")], False),
+        ([Delete(SOME)], True),
+    ],
+)
+def test_what_is_shown_again_is_as_opaque_as_fitted(before, gone):
+    shown = with_operations(SCENE, *before, Opacity(SOME, SHOWN))
+    for time in (0.0, 1.5, 3.0):
+        fitted = SCENE.posed(time).opacities.copy()
+        fitted[SOME_ROWS & gone] = 0
+        found = np.zeros(len(fitted))
+        posed = shown.posed(time)
+        found[np.searchsorted(SCENE.ids, posed.ids)] = posed.opacities
+        np.testing.assert_array_equal(found, fitted)
+
+
+def test_what_is_shown_again_little_by_little_comes_evenly():
+    hidden = [Opacity(SOME, 0.0), Opacity(SOME, SHOWN, (0.0, 4.0), "linear")]
+    fitted, found = SCENE.posed(1.0).opacities, with_operations(SCENE, *hidden).posed(1.0).opacities
+    np.testing.assert_allclose(found[SOME_ROWS], 0.25 * fitted[SOME_ROWS], rtol=1e-5)
+    np.testing.assert_array_equal(found[~SOME_ROWS], fitted[~SOME_ROWS])

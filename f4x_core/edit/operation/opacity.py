@@ -35,7 +35,7 @@ class Opacity(ChangeWithShadow):
     TAG = "opacity"
     select: SelectKind
     factor: float
-    """Opacity is multiplied by it and held in [0, 1]; 0 hides."""
+    """Opacity is multiplied by it and held in [0, 1]; 0 hides, `SHOWN` shows again what is hidden or thinner than fitted."""
     frames: Span | None = None
     """In effect from … to; None = always."""
     ease: Ease | None = None
@@ -56,14 +56,17 @@ class Opacity(ChangeWithShadow):
         return 1 - fraction if self.inward else fraction
 
     def shown(self, state: Appearance, chosen: np.ndarray, fraction: float, scene: Looking) -> Appearance:
-        """A fade is linear in alpha; nothing times a factor is nothing, so what was hidden comes back as it was."""
+        """A fade is linear in alpha. To show something again makes it as opaque as it was fitted, and nothing more so."""
         old = state.opacities
+        if self.factor == SHOWN:
+            fitted = np.where(scene.gone, old, np.maximum(old, scene.opacities))
+            return state.with_opacities(chosen, old + np.float32(fraction) * (fitted - old))
         if self.factor < 1 and 0 < fraction < 1:  # on the way from all to the factor
             gone = np.float32(1 - self.factor)
             new = old * (1 - gone) + gone * thinned(old, 1 - fraction)
         else:
             new = np.clip(old * np.float32(1 + fraction * (self.factor - 1)), 0, 1)
-        if self.factor > 1:
+        if self.factor > 1:  # nothing times a factor is nothing: what was hidden comes back as it was
             new = np.where((old == 0) & ~scene.gone, np.float32(fraction) * scene.opacities, new)
         return state.with_opacities(chosen, new)
 
