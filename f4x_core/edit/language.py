@@ -612,9 +612,10 @@ MOST_EXAMPLES = 3
 
 
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
-    """Commands of which the sentence says all but for whom, about what it names or else what is `there`; none that removes."""
+    """Commands of which the sentence says all but for whom, about what it names or else what is `there`; none that removes, or
+    does what the sentence asks for."""
     known = _known(tuple(there))
-    text = written(sentence)
+    text, asked = written(sentence), operations_of(sentence, there)
     reading = Reading(text, known, tokenise(text)[:MAX_WORDS])
     named = [
         label
@@ -630,7 +631,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
         and (not there or len({*_EXAMPLE_THING.findall(command.example)}) <= len(named or there))
     ]
     done = {example: operations_of(example, there) for example in examples}
-    fitting = [example for example, does in done.items() if does and not any(map(removes, does))]
+    fitting = [example for example, does in done.items() if does and does != asked and not any(map(removes, does))]
     return tuple(fitting[:MOST_EXAMPLES])
 
 

@@ -304,6 +304,7 @@ def test_examples_are_about_what_is_there():
         )
         assert all(say(example, labels=("swan", "water")) for example in found)
     assert "make the swan red" in nearest("make the sky pink", ("swan", "water"))
+    assert "make the swan red" not in nearest("make the swan red", ("swan", "water"))  # it was just refused
 
 
 def test_examples_of_a_refusal_speak_of_what_is_there():
