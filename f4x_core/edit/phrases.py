@@ -766,7 +766,7 @@ _stood = (
     _say("<_kind_and_number> <_stands> [<_beside_what>|<_surrounding>] [<familiar>|<_determined>|<_instance>|<_it>]")
     >> _beside
 )
-"""A thing told by how it stands to another."""
+"""A thing named by its place beside another."""
 _all = _everything >> _always(All())
 _whole_thing: Rule = either(familiar, _determined, _instance, _current, _all, _it, _copy, _static, _moving)
 _one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _part_of_known)

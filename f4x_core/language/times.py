@@ -84,7 +84,7 @@ def _times(x: float, unit: TimeExpression) -> TimeExpression:
 
 
 def _part(x: float) -> TimeExpression:
-    """So much of the clip."""
+    """Return the fraction `x` of the clip."""
     return TimeExpression(clip=x)
 
 

@@ -72,7 +72,7 @@ def _clusters(places: np.ndarray, there: np.ndarray, weight: np.ndarray, config:
 
 @dataclass(frozen=True, eq=False)
 class _Meetings:
-    """How often pairs of superpoints are seen together."""
+    """Counts of the times at which pairs of superpoints are seen together."""
 
     apart: np.ndarray
     """(P,P) float32: number of times at which two lie in different clusters."""
