@@ -636,9 +636,9 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
 
 
 def operations_of(sentence: str, labels: Sequence[str]) -> tuple[Change, ...]:
-    """The operations of a sentence as it stands, in a clip of any length whose scene knows `labels`.
+    """Return the operations of a sentence as it stands, in a clip of any length whose scene knows `labels`.
 
-    None where it cannot be carried out or has two meanings.
+    Empty where it cannot be carried out or has two meanings.
     """
     clip = SentenceContext(1.0, MOST_FRAMES, selected=True, labels=frozenset(labels))
     with suppress(F4xError):

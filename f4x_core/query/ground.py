@@ -9,9 +9,9 @@ import numpy as np
 
 from ..errors import F4xError
 from ..features.unknown import unknown_kind
-from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..scene import Scene
+from ..scene.passes import shortest_axes
 
 SOLID = 0.3
 """Opacity from which a Gaussian counts as a part of a surface."""
@@ -65,9 +65,8 @@ class Plane:
 
 def up_of(cameras: CameraPath) -> np.ndarray:
     """(3,) unit vector: the mean of up in the pictures, which are taken for upright."""
-    up = -cameras.world_to_camera[:, 1, :3].mean(0)
-    length = np.linalg.norm(up)
-    return up / length if length > 1e-6 else -cameras.world_to_camera[0, 1, :3]
+    down = cameras.mean_down
+    return -down if np.linalg.norm(down) > 0.5 else -cameras.world_to_camera[0, 1, :3]  # 0 where they cancel out
 
 
 def leaning(cameras: CameraPath, floor: Plane) -> float:
@@ -93,6 +92,11 @@ def find_ground(scene: Scene) -> Plane:
 
     Raises F4xError where there is none.
     """
+    return _ground_and_size(scene)[0]
+
+
+def _ground_and_size(scene: Scene) -> tuple[Plane, float]:
+    """Return `find_ground` and the size of the scene (`_surface`)."""
     points, area, size = _surface(scene)
     up = up_of(scene.cameras)
     random = np.random.default_rng(0)
@@ -120,14 +124,15 @@ def find_ground(scene: Scene) -> Plane:
     above = area[(height >= tolerance) & (height < 3 * tolerance)].sum()
     if within < MIN_FLOOR * area.sum() or within < MIN_PEAK * above:
         raise F4xError(f"No floor was found in {scene.name}; place three points on it instead.")
-    return plane
+    return plane, size
 
 
 def is_of_ground(scene: Scene, label: str) -> bool:
     """Return True if `label` means the ground, and no teacher of the scene knows that word: then its shape tells."""
+    if GROUND_WORDS.fullmatch(label.strip()) is None:
+        return False
     heads = [] if scene.features is None else scene.features.heads
-    encoders = [head.spec.text_encoder for head in heads if head.spec.text_encoder]
-    return GROUND_WORDS.fullmatch(label.strip()) is not None and all(unknown_kind(one, label) for one in encoders)
+    return all(unknown_kind(encoder, label) for head in heads if (encoder := head.spec.text_encoder))
 
 
 def ground_scores(scene: Scene) -> np.ndarray:
@@ -136,18 +141,15 @@ def ground_scores(scene: Scene) -> np.ndarray:
     Raises F4xError where there is no floor.
     """
     try:
-        plane, size = find_ground(scene), _surface(scene)[2]
+        plane, size = _ground_and_size(scene)
     except F4xError:
         raise F4xError(
             f"In the scene '{scene.name}' no ground was found: no large level surface lies below the rest; click on the ground or"
             " draw a box around it."
         ) from None
     static = scene.static
-    order = np.argsort(static.scales, axis=1)
-    axes = quaternion.to_matrix(static.quats.astype(np.float64))
-    normal = np.take_along_axis(axes, order[:, None, :1], axis=2)[..., 0]
-    least, middle = (np.take_along_axis(static.scales, order[:, i : i + 1], axis=1)[:, 0] for i in (0, 1))
-    upright = (least < FLAT * middle) & (abs(normal @ plane.normal) < LEVEL)
+    least, middle, _ = np.sort(static.scales, axis=1).T
+    upright = (least < FLAT * middle) & (abs(shortest_axes(static.quats, static.scales) @ plane.normal) < LEVEL)
     scores = np.zeros(len(scene.ids))
     scores[: len(static)] = (abs(plane.height(static.means)) < UNEVEN * THICKNESS * size) & ~upright
     return scores

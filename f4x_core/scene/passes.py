@@ -32,6 +32,12 @@ def mist_left(mist: Mist, places: np.ndarray, camera: Camera) -> np.ndarray:
     return 1 - np.clip((distance - mist.start) / max(mist.depth, 1e-9), 0, 1) ** mist.exponent
 
 
+def shortest_axes(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """Return (N,3) unit vectors of either sign: the shortest axes of Gaussians with `quats (N,4)` of any length, `scales (N,3)`."""
+    axes = quaternion.to_matrix(quaternion.normalize(quats))
+    return np.take_along_axis(axes, scales.argmin(1)[:, None, None], axis=2)[..., 0]
+
+
 def normals(quats: np.ndarray, scales: np.ndarray, to_world: np.ndarray, looks: np.ndarray) -> np.ndarray:
     """Return (N,3) unit normals in the world: the shortest axis of each Gaussian, turned towards the camera.
 
@@ -41,9 +47,7 @@ def normals(quats: np.ndarray, scales: np.ndarray, to_world: np.ndarray, looks: 
         to_world: (4,4) affine; normals go by the inverse transpose of its linear part.
         looks: (N,3) from the camera to each Gaussian, in the world.
     """
-    axes = quaternion.to_matrix(quaternion.normalize(quats))
-    shortest = np.take_along_axis(axes, scales.argmin(1)[:, None, None], axis=2)[..., 0]
-    turned = shortest @ np.linalg.inv(to_world[:3, :3])
+    turned = shortest_axes(quats, scales) @ np.linalg.inv(to_world[:3, :3])
     turned *= np.where((turned * looks).sum(1) > 0, -1, 1)[:, None]
     return turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
