@@ -15,12 +15,14 @@ from .ground import is_of_ground
 from .objects import MOSTLY, graph_of
 from .people import is_of_people
 from .select_config import SELECT, SelectConfig
+from .sky import is_of_sky
 
 
 def needs_no_teacher(scene: Scene, label: str) -> bool:
     """Return True if the scene itself tells what `label` means, and no vocabulary has to know it: what is cast, the ground,
-    floaters, known people."""
-    return is_cast(label) or is_of_ground(scene, label) or is_floaters(label) or is_of_people(scene, label)
+    the sky, floaters, known people."""
+    shaped = is_floaters(label) or is_of_ground(scene, label) or is_of_sky(scene, label)
+    return shaped or is_cast(label) or is_of_people(scene, label)
 
 
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:

@@ -129,8 +129,11 @@ def _ground_and_size(scene: Scene) -> tuple[Plane, float]:
 
 def is_of_ground(scene: Scene, label: str) -> bool:
     """Return True if `label` means the ground, and no teacher of the scene knows that word: then its shape tells."""
-    if GROUND_WORDS.fullmatch(label.strip()) is None:
-        return False
+    return GROUND_WORDS.fullmatch(label.strip()) is not None and no_teacher_knows(scene, label)
+
+
+def no_teacher_knows(scene: Scene, label: str) -> bool:
+    """Return True if no teacher of words of the scene knows `label`, or none is there."""
     heads = [] if scene.features is None else scene.features.heads
     return all(unknown_kind(encoder, label) for head in heads if (encoder := head.spec.text_encoder))
 
