@@ -53,12 +53,14 @@ class ClipSettings:
     samples: int = 12  # Cycles samples per pixel
     seed: int = 0  # camera jitter, textures, furniture
     assets: Path = Path("assets")  # folder with knight.glb, fox.glb and handheld_camera.json
+    lens: float = 32.0  # mm, before a sensor 36 mm wide
     extra_degrees: tuple[float, ...] = ()  # also render extra cameras so far off the path
 
     def __post_init__(self) -> None:
-        if self.count < 1 or self.width < 16 or self.height < 16 or self.samples < 1:
+        if self.count < 1 or self.width < 16 or self.height < 16 or self.samples < 1 or not self.lens >= 1:
             raise F4xError(
-                "A clip needs at least 1 frame, 16x16 pixels and 1 sample; raise --frames, --size or --samples."
+                "A clip needs at least 1 frame, 16x16 pixels, 1 sample and a lens of 1 mm; raise --frames, --size, --samples or"
+                " --lens."
             )
         needed = [f"{model}.glb" for model in self.scene.models]
         needed += ["handheld_camera.json"] if self.scene.camera.kind == "recorded" else []
@@ -89,7 +91,7 @@ def write_clip(folder: Path, settings: ClipSettings) -> None:
     poses, figures = _build(settings)
     for material in bpy.data.materials:
         material.cycles.emission_sampling = "NONE"  # a lamp for each face would cost half the time and add noise
-    camera = _add_camera(scene, "camera", poses)
+    camera = _add_camera(scene, "camera", poses, settings.lens)
     times = np.arange(settings.count)
     render_frames(folder, scene, times)
     people = [{"model": f.model, "index": f.index, "height": f.height} for f in figures]
@@ -99,7 +101,7 @@ def write_clip(folder: Path, settings: ClipSettings) -> None:
     entries = []
     chosen = times[:: max(settings.count // EXTRA_VIEWS, 1)]
     for extra in _extra_poses(settings, poses):
-        scene.camera = _add_camera(scene, extra.name, extra.poses)
+        scene.camera = _add_camera(scene, extra.name, extra.poses, settings.lens)
         for time in chosen:
             scene.frame_set(int(time))
             save_multilayer(scene, folder / f"truth_{extra.name}" / f"{time:05d}.exr")
@@ -270,9 +272,9 @@ def _orbited(poses: dict[int, Matrix], focus: Vector, side: str, degrees: float)
     return turned
 
 
-def _add_camera(scene: bpy.types.Scene, name: str, poses: dict[int, Matrix]) -> bpy.types.Object:
+def _add_camera(scene: bpy.types.Scene, name: str, poses: dict[int, Matrix], lens: float) -> bpy.types.Object:
     camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
-    camera.data.sensor_fit, camera.data.sensor_width, camera.data.lens = "HORIZONTAL", 36.0, 32.0
+    camera.data.sensor_fit, camera.data.sensor_width, camera.data.lens = "HORIZONTAL", 36.0, lens
     camera.rotation_mode = "QUATERNION"
     scene.collection.objects.link(camera)
     key_linear(camera, "location", {t: pose.to_translation() for t, pose in poses.items()})

@@ -188,7 +188,9 @@ class BundleConfig:
     robust_px: float = ROBUST_PX
     """Cauchy scale in pixels."""
     expected_focal: float | None = None
-    """Focal length in pixels that is believed as far as observations leave it open (`FOCAL_PRIOR`); None = no belief."""
+    """Focal length in pixels that is believed as far as observations leave it open; None = no belief."""
+    focal_prior: float = FOCAL_PRIOR
+    """Fraction of the squared error that another focal length must save (`FOCAL_PRIOR`)."""
     relief: float = 1.0
     """Expected deviation of inverse distances from their median, relative to it (`DEPTH_PRIOR`): 1 for a world around the
     camera, less for one object seen from afar, whose depth is about what its width and height are."""
@@ -522,7 +524,7 @@ def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float
     if config.refine_centers:
         cost += PATH_PRIOR * np.mean((problem.center**2).sum(1))
     if config.refine_focal and config.expected_focal:
-        cost += FOCAL_PRIOR * np.log1p((np.log(problem.focal / config.expected_focal) / FOCAL_SPREAD) ** 2)
+        cost += config.focal_prior * np.log1p((np.log(problem.focal / config.expected_focal) / FOCAL_SPREAD) ** 2)
     if config.refine_zoom:
         cost += ZOOM_PRIOR * np.square(_bends(len(problem.zoom)) @ np.log(problem.zoom) / ZOOM_CHANGE).sum()
     return belief * float(cost)
@@ -719,7 +721,7 @@ def _add_priors(problem: _Problem, config: BundleConfig, belief: float, equation
     frames, count = len(problem.center), len(problem.points)
     if config.refine_focal and config.expected_focal:
         away = np.log(problem.focal / config.expected_focal)
-        pull = belief * FOCAL_PRIOR / (FOCAL_SPREAD**2 + away**2)
+        pull = belief * config.focal_prior / (FOCAL_SPREAD**2 + away**2)
         camera[-1, -1] += pull
         gradient[-1] += pull * away
     own_count = (len(camera) - 1) // frames

@@ -19,7 +19,7 @@ from ..errors import F4xError
 from ..geometry import pose, quaternion
 from ..geometry.arrays import GOLDEN_RATIO, evenly_spaced
 from ..parallel import in_threads
-from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, triangulate
+from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, total_cost, triangulate
 from .tracks import best_rank, longest_first
 
 MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
@@ -31,6 +31,9 @@ DEFAULT_FOCAL = 0.9
 0.9, upright as across."""
 FOCAL_PRIOR = 0.1
 """Relative error that a focal length `e` times away from the default must save: decides only where pictures do not."""
+FOCAL_STEP, LONGER, SHORTER, HELD_ITERATIONS = 1.35, 3, 2, 12
+"""Ratio of the focal lengths that `best_focal` holds one after the other, how many are longer and shorter than the one found, and
+steps of each adjustment."""
 MIN_SHARED = 30
 """Fewest tracks two frames must share to be related to each other."""
 MIN_SPREAD = np.deg2rad(0.5)
@@ -317,6 +320,37 @@ def search_focal(
     penalised = errors * (1 + FOCAL_PRIOR * np.log(np.array(candidates) / expected) ** 2)
     curve = {"focal_over_width": list(candidates), "error_px": errors.round(4).tolist()}
     return found[int(np.argmin(penalised))], curve
+
+
+def best_focal(solution: Solution, lens: BundleConfig) -> tuple[float, dict[str, list[float]]]:
+    """Return the focal length in pixels at which a sample of the solution costs least, and the curve of errors.
+
+    Through a long lens a pan looks like a walk along a wall: both are minima of their own, with nothing in between that leads from
+    one to the other. So focal lengths are held one after the other, each from the cameras found with the one before.
+    """
+    sample, _ = subset(solution, 400, 24)
+    if not len(sample.observations.frame):
+        return solution.bundle.focal, {}
+    held = replace(lens, iterations=HELD_ITERATIONS, refine_focal=False)
+
+    def tried(steps: range) -> list[Solution]:
+        found, one = [], sample
+        for step in steps:
+            start = refocused(one, sample.bundle.focal * FOCAL_STEP**step)
+            one = replace(
+                start, bundle=adjust(with_points_ahead(start.bundle, start.observations), start.observations, held)
+            )
+            found.append(one)
+        return found
+
+    longer, shorter = in_threads(tried, (range(LONGER + 1), range(-1, -SHORTER - 1, -1)))
+    found = sorted([*longer, *shorter], key=lambda one: one.bundle.focal)
+    best = min(found, key=lambda one: total_cost(one.bundle, one.observations, lens))
+    curve = {
+        "focal_over_width": [round(one.bundle.focal / (2 * one.bundle.principal[0]), 4) for one in found],
+        "error_px": [round(one.error, 4) for one in found],
+    }
+    return best.bundle.focal, curve
 
 
 def refocused(solution: Solution, focal: float, translating: bool = True) -> Solution:
