@@ -54,17 +54,6 @@ def test_flow_matches_the_true_shift_and_its_mask_marks_the_occluded(moving):
     assert priors.flow_forward_mask[:, 20:-20, 20:-20].mean() > 0.95
 
 
-def test_consistency_follows_the_published_formula():
-    rng = np.random.default_rng(1)
-    there = np.full((20, 30, 2), (2.0, 1.0), np.float32)
-    back = -there + rng.normal(size=there.shape).astype(np.float32)
-    good = flow.consistent(there, back)
-    for row, column in ((5, 5), (10, 20), (15, 3)):
-        f, b = there[row, column], back[row + 1, column + 2]
-        assert good[row, column] == (np.linalg.norm(f + b) < 0.5 * (np.linalg.norm(f) + np.linalg.norm(b)) + 0.5)
-    assert not good[:, -2:].any()  # leaves the picture
-
-
 def test_flow_never_looks_at_held_out_frames():
     clip, _ = warped_clip(hold_out=(3, 7))
     before = flow_of(clip)
@@ -260,13 +249,6 @@ def test_nothing_moving_gives_an_empty_mask_and_says_so(pan):
     assert any("Nothing in this clip moves" in line for line in priors.warnings)
 
 
-def test_frozen_clip_is_static_and_empty():
-    clip, _ = warped_clip(frames=5, pan=(0.0, 0.0), speed=(0.0, 0.0))
-    priors = run(clip)
-    assert priors.statistics["motion"]["static_camera"]
-    assert not priors.mask.any()
-
-
 def test_static_camera_uses_the_flow_itself():
     clip, mask = warped_clip(pan=(0.0, 0.0), speed=SPEED)
     priors = run(clip)
@@ -357,28 +339,6 @@ def test_evidence_is_the_mean_of_the_gaps_that_speak_most_for_motion():
         surest = sorted(gaps)[-3:]
         expected = np.sum(surest) / max(len(surest), 1)
         assert found[t, row, column] == pytest.approx(expected, abs=1e-5)
-
-
-def test_thinned_tracks_keep_the_longest_of_every_place_in_every_frame():
-    rng = np.random.default_rng(0)
-    frames, long, short = 24, 300, 200
-    places = np.concatenate([rng.uniform([0, 0], [60, 120], (long, 2)), rng.uniform([100, 40], [130, 70], (short, 2))])
-    points = np.tile(places, (frames, 1, 1)).astype(np.float32)
-    visible = np.zeros((frames, long + short), bool)
-    visible[:, :long] = True  # stands still on the left
-    for i in range(short):  # turns on the right: five frames each
-        first = rng.integers(0, frames - 4)
-        visible[first : first + 5, long + i] = True
-    kept, seen = tracks.thinned(points, visible, 120)
-    assert kept.shape[1] == 120
-    right = kept[0, :, 0] > 90
-    assert seen[:, right].sum(1).min() >= 3  # by length alone there would be none
-    assert right.sum() < 90
-    same, _ = tracks.thinned(points, visible, 1000)
-    np.testing.assert_array_equal(same, points)  # nothing goes where there is room
-    visible[:, 0] = False
-    visible[:3, 0] = True  # too few samples
-    assert tracks.thinned(points, visible, 1000)[0].shape[1] == long + short - 1
 
 
 def test_thinned_tracks_are_those_of_least_rank():
