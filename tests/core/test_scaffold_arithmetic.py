@@ -13,7 +13,7 @@ from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.deformation.reference import SIGN_BAND, slot_signs
 from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.groups import MAX_GROUPS, rigid_groups
-from f4x_core.scaffold.lifting import LiftedTracks
+from f4x_core.scaffold.lifting import LiftedTracks, fill_gaps
 from f4x_core.scaffold.losses import smoothness_losses
 from f4x_core.scaffold.optimise import GeometryConfig, optimise_geometry
 from f4x_core.scaffold.rotation import initial_rotations
@@ -43,6 +43,13 @@ def nodes(frames: int, places: np.ndarray, ids=None, sign: float = 1.0) -> Scaff
         edge_mask=np.ones((count, 1), bool),
         unit=0.1,
     )
+
+
+@pytest.mark.parametrize("known", [0, 4])
+def test_a_curve_known_in_one_frame_is_held_in_all(known):
+    xyz = np.arange(15.0).reshape(5, 1, 3)
+    certain = np.arange(5)[:, None] == known
+    assert (fill_gaps(xyz, certain, np.arange(5.0)) == xyz[known]).all()
 
 
 def test_turns_about_every_axis_count_as_turns():
