@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.scaffold import Scaffold
@@ -192,6 +193,8 @@ def test_nodes_that_weigh_too_little_go_unless_gaussians_hang_on_them():
     np.testing.assert_array_equal(made.radius, old.radius[[0, 2, 3, 4]])
     weights = np.array([[0.2, 0.7], [0.6, 0.1]])
     assert largest_weights(np.array([[0, 2], [2, 0]]), weights, 4).tolist() == [0.2, 0, 0.7, 0]
+    with pytest.raises(F4xError, match="one weight per node"):
+        prune_nodes(old, np.zeros(3), np.array([3]))
 
 
 # ---- windows are joined ------------------------------------------------------------------------------------------------
