@@ -191,32 +191,14 @@ def run_child(
     gets what it writes on standard error. What `progress` or `tick` raises, Cancelled for one, goes through once the child is gone.
     """
     child = start_child(command, folder, variables)
-    assert child.stdout is not None and child.stderr is not None and child.stdin is not None
-    lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-    tail: deque[str] = deque(maxlen=TAIL)
-
-    def listen(file: TextIO) -> None:
-        for line in file:
-            lines.put(line)
-        lines.put(None)
-
-    def keep(file: TextIO) -> None:
-        for line in file:  # a full pipe would stop the child
-            tail.append(line)
-            if log is not None:
-                log.write(line)
-
-    pipes = ((listen, child.stdout), (keep, child.stderr))
-    threads = [threading.Thread(target=work, args=(file,), daemon=True) for work, file in pipes]
-    for thread in threads:
-        thread.start()
+    pipes = _Pipes(child, log)
     last: dict[str, Any] = {}
     line: str | None = ""
     used = 0.0
     try:
         while line is not None:
             try:
-                line = lines.get(timeout=TICK)
+                line = pipes.lines.get(timeout=TICK)
             except queue.Empty:
                 line = ""
             message = _json_line(line or "")
@@ -228,17 +210,48 @@ def run_child(
                 tick(used)
         cpu_seconds, memory = _wait(child)
     except BaseException:
+        assert child.stdin is not None
         child.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             child.wait(2 * GRACE)
         end_tree(child.pid)
-        for thread in threads:  # its last words belong into `log`, which the caller closes
-            thread.join(GRACE)
+        pipes.join(GRACE)  # its last words belong into `log`, which the caller closes
         raise
     end_tree(child.pid)  # one that was killed may have left children
-    for thread in threads:
-        thread.join()
-    return Ended(child.returncode, last, "".join(tail).strip(), cpu_seconds or used, memory)
+    pipes.join()
+    return Ended(child.returncode, last, "".join(pipes.tail).strip(), cpu_seconds or used, memory)
+
+
+class _Pipes:
+    """Threads that read what a child writes: a full pipe would stop it."""
+
+    def __init__(self, child: subprocess.Popen[str], log: TextIO | None):
+        """Begin to read; standard error goes to `log`, too."""
+        assert child.stdout is not None and child.stderr is not None
+        self.lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        """Of standard output; None ends them."""
+        self.tail: deque[str] = deque(maxlen=TAIL)
+        """Last lines of standard error."""
+        works = ((self._listen, (child.stdout,)), (self._keep, (child.stderr, log)))
+        self._threads = [threading.Thread(target=work, args=arguments, daemon=True) for work, arguments in works]
+        for thread in self._threads:
+            thread.start()
+
+    def join(self, patience: float | None = None) -> None:
+        """Wait until the child has closed its pipes, `patience` seconds at most for each."""
+        for thread in self._threads:
+            thread.join(patience)
+
+    def _listen(self, file: TextIO) -> None:
+        for line in file:
+            self.lines.put(line)
+        self.lines.put(None)
+
+    def _keep(self, file: TextIO, log: TextIO | None) -> None:
+        for line in file:
+            self.tail.append(line)
+            if log is not None:
+                log.write(line)
 
 
 def run_verb(arguments: Sequence[str], folder: Path, progress: Progress = silent) -> dict[str, Any]:

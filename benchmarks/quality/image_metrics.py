@@ -7,9 +7,6 @@ import math
 import numpy as np
 from scipy.ndimage import correlate1d, uniform_filter
 
-from f4x_core.errors import F4xError
-from f4x_core.query.score import overlap
-
 K1, K2 = 0.01, 0.03
 """SSIM's stabilising constants (Wang et al. 2004), in shares of the range of values."""
 UNIFORM_WINDOW = 7
@@ -71,22 +68,6 @@ def score_confusion(confusion: np.ndarray) -> tuple[float, float]:
     hits = np.diag(confusion)
     union = confusion.sum(1) + confusion[:, :count].sum(0) - hits
     return float((hits[union > 0] / union[union > 0]).mean()), float(hits.sum() / confusion.sum())
-
-
-def region_similarity(found: np.ndarray, truth: np.ndarray) -> float:
-    """DAVIS' J of object numbers (T,H,W), 0 = none, as the official tool has it where the first annotation is given.
-
-    Intersection over union with each object of the first annotation, mean over all frames but the first and the last, then over
-    objects; 1 where an object is neither there nor found.
-
-    Raises:
-        F4xError: no frame is left, or nothing is annotated in the first.
-    """
-    objects = [number for number in np.unique(truth[0]) if number]
-    if len(truth) < 3 or not objects:
-        raise F4xError("J needs an object in the first annotation, and three frames.")
-    frames = range(1, len(truth) - 1)
-    return float(np.mean([overlap(found[t] == number, truth[t] == number) for number in objects for t in frames]))
 
 
 def _similarity(

@@ -1,4 +1,4 @@
-"""Held-back parts of a data set that measure a scene of its clip: pictures of other cameras, keypoints and masks set by hand."""
+"""Held-back parts of a data set that measure a scene of its clip: pictures of other cameras, and keypoints set by hand."""
 
 import json
 from dataclasses import dataclass
@@ -6,16 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from f4x_core.clip.images import alike, read_color, read_labels, read_mask, resize_nearest
+from f4x_core.clip.images import alike, read_color, read_mask, resize_nearest
 from f4x_core.clip.layouts import Layout, dycheck_keypoints, find_layout, find_novel
 from f4x_core.clip.model import Clip
-from f4x_core.clip.read import frame_indices, mask_files, stack_like_frames
+from f4x_core.clip.read import frame_indices
 from f4x_core.clip.source import read_pictures, undistort
 from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import CameraPath
-
-VOID = 255
-"""In annotations of DAVIS 2017: no object; in those of 2016: the only one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,40 +86,6 @@ def read_keypoints(clip: Clip) -> dict[int, np.ndarray]:
     assert layout.size is not None
     ratio = np.array([clip.width / layout.size[0], clip.height / layout.size[1], 1.0])
     return {frame: _keypoints(file, layout, frames[frame], factor) * ratio for frame, file in sorted(found.items())}
-
-
-def read_annotations(clip: Clip) -> np.ndarray:
-    """`(T, H, W)` uint8 at the frames and size of `clip`: the number of the object at each pixel, 0 = none, as in DAVIS.
-
-    DAVIS 2016 marks its one object by 255, here it is number 1; beside other numbers 255 is void, which DAVIS counts as none.
-
-    Raises:
-        F4xError: there is no annotation of every frame, or one of another aspect.
-    """
-    folder, frames = _folder_and_frames(clip)
-    layout = find_layout(folder)
-    files = mask_files("layout", layout, folder, frames, len(layout.images))
-    labels = stack_like_frames(files, read_labels, clip.width, clip.height)
-    single = not ((labels > 0) & (labels < VOID)).any()
-    return np.where(labels == VOID, np.uint8(single), labels)
-
-
-def read_moving(clip: Clip, novel: NovelCamera) -> np.ndarray | None:
-    """`(H, W)` bool: what moves in the first picture of `novel` by the masks that the data set has of the clip's frames.
-
-    None where it has no masks, or where that picture is of another place and time than every frame.
-
-    Raises:
-        F4xError: a mask that cannot be read, or of another aspect than the clip's.
-    """
-    folder, frames = _folder_and_frames(clip)
-    layout, frame = find_layout(folder), int(novel.path.times[0])
-    if not layout.masks or clip.cameras is None:
-        return None
-    if (clip.cameras.world_to_camera[frame] != novel.path.world_to_camera[0]).any():
-        return None
-    files = mask_files("layout", layout, folder, frames, len(layout.images))
-    return stack_like_frames([files[frame]], read_mask, clip.width, clip.height)[0]
 
 
 def _folder_and_frames(clip: Clip) -> tuple[Path, np.ndarray]:

@@ -28,14 +28,12 @@ from f4x_core.scene import Scene, read_scene, write_scene
 from f4x_core.scene.view import render
 
 from ..quality.image_metrics import masked_psnr, masked_ssim, psnr_bytes, ssim_bytes
-from ..study import Context, MissingError, Row, read_json, write_json
+from ..study import Context, MissingError, Row
 from .novel import NovelCamera, measured_width, read_keypoints, read_novel_cameras
 from .toy_fits import base_config
 
 QUICK_WIDTH, QUICK_FRAMES = 160, 16
 """Size and frames of a quick report."""
-Placed = tuple[NovelCamera, list[Camera]]
-"""A camera that the clip is not of, and where its views are in the scene's world."""
 
 
 @dataclass(frozen=True)
@@ -97,14 +95,9 @@ def scenes_of(context: Context, name: str, pattern: str) -> list[Path]:
 def read_scene_clip(context: Context, folder: Path, protocol: Protocol) -> Clip:
     """The training frames at the size at which the protocol measures; small and few in a quick report."""
     if context.quick:
-        return first_frames(folder)
+        count = min(len(find_layout(folder).images), QUICK_FRAMES)
+        return read_clip(folder, f"0:{count}", QUICK_WIDTH)
     return read_clip(folder, width=measured_width(folder, protocol.factors.get(folder.name)))
-
-
-def first_frames(folder: Path, hold_out: int | None = None) -> Clip:
-    """The clip of a quick report."""
-    count = min(len(find_layout(folder).images), QUICK_FRAMES)
-    return read_clip(folder, f"0:{count}", QUICK_WIDTH, hold_out)
 
 
 def fit_config(context: Context, name: str) -> FitConfig:
@@ -200,45 +193,30 @@ def _where_run(name: str, value: float | None) -> Row:
     return {} if value is None else {name: value}
 
 
-def measure_views(context: Context, clip: Clip, scene: Scene, protocol: Protocol) -> tuple[list[Placed], Row]:
-    """Every other camera, matched, with the protocol's figures (also `as placed`: before its cameras were moved)."""
+def measure_views(context: Context, clip: Clip, scene: Scene, protocol: Protocol) -> Row:
+    """The protocol's figures of every other camera, matched (also `as placed`: before its cameras were moved)."""
     novel = read_novel_cameras(clip)
     if not novel:
         raise F4xError(f"{clip.source} has no pictures of another camera; docs/datasets.md says where they lie.")
-    file = context.folder / f"{clip.name} cameras.json"
 
     def work() -> Row:
-        rows, matched = [], []
+        rows = []
         for camera in novel:
             placed = place_cameras(scene, clip, camera)
-            matched.append(match_cameras(scene, camera, placed, protocol))
             before = score_views(scene, camera, placed, protocol.masked)
             as_placed = {
                 name.replace(" (dB)", ", as placed (dB)"): value for name, value in before.items() if "(dB)" in name
             }
-            row = score_views(scene, camera, matched[-1], protocol.masked) | as_placed
-            rows.append((len(placed), row))
-        paths = [
-            CameraPath(
-                np.stack([c.intrinsics for c in views]),
-                np.stack([c.world_to_camera for c in views]),
-                camera.path.times,
-                clip.width,
-                clip.height,
-            ).to_json()
-            for camera, views in zip(novel, matched, strict=True)
-        ]
-        write_json(file, paths)
-        counts = [count for count, _ in rows]
-        means = {name: float(np.average([row[name] for _, row in rows], weights=counts)) for name in rows[0][1]}
+            matched = match_cameras(scene, camera, placed, protocol)
+            rows.append(score_views(scene, camera, matched, protocol.masked) | as_placed)
+        counts = [len(camera.path) for camera in novel]
+        means = {name: float(np.average([row[name] for row in rows], weights=counts)) for name in rows[0]}
         points = read_keypoints(clip)
         pck = {"PCK@5%": keypoint_accuracy(scene, points)["pck"]} if points else {}
         return means | pck | {"views": sum(counts)} | _path_error(scene, clip, protocol)
 
     settings = {"frames": clip.picked, "width": clip.width, "lpips": not lpips_missing()}
-    row = context.step(f"{clip.name} views", work, protocol=asdict(protocol), **settings)
-    paths = [CameraPath.from_json(data, file) for data in read_json(file)]
-    return [(camera, [path[i] for i in range(len(path))]) for camera, path in zip(novel, paths, strict=True)], row
+    return context.step(f"{clip.name} views", work, protocol=asdict(protocol), **settings)
 
 
 def _path_error(scene: Scene, clip: Clip, protocol: Protocol) -> Row:

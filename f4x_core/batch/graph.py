@@ -7,7 +7,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
 from ..clip.read import ALPHA, LAYOUT
@@ -79,85 +79,138 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
     `digest(path)` returns a content hash. A task's key covers the hashes of all files that it reads, so the manifest alone
     decides whether a task is done.
     """
-    tasks: dict[str, Task] = {}
-    places: dict[str, str] = {}
+    chain = _Chain(row, digest)
+    chain.fit()
+    if row.features:
+        chain.distil()
+    chain.query()
+    if row.edits:
+        chain.edit()
+    chain.render()
+    chain.export()
+    return tuple(chain.tasks.values())
 
-    def place(folder: str, words: str) -> str:
+
+@dataclass
+class _Chain:
+    """The tasks of a row while they are put one behind the other."""
+
+    row: Row
+    digest: Callable[[str], str]
+    tasks: dict[str, Task] = field(default_factory=dict)
+    """Stage -> its task."""
+    places: dict[str, str] = field(default_factory=dict)
+    """Lower-case name of a folder -> the words that it was made of."""
+    scene: str = "scene.f4x"
+    """File of the scene that the next task reads."""
+    source: str = "fit"
+    """Stage that wrote it."""
+
+    def fit(self) -> None:
+        """Add priors, where the clip is fitted at once, and the fit."""
+        row = self.row
+        masks = _absolute(row.masks) if row.masks not in (None, LAYOUT, ALPHA) else row.masks
+        prior = [entry.partition("=") for entry in row.prior]
+        mine = [*([row.masks] if row.masks not in (None, LAYOUT, ALPHA) else []), *(path for _, _, path in prior)]
+        clip = [*_options(frames=row.frames), *_options(width=row.width, hold_out=row.hold_out, masks=masks)]
+        options = _options(profile=row.profile, provider=row.provider, cameras=row.cameras, depth=row.depth)
+        options += [*self._costs(), *self._drawn()]
+        options += [word for name, _, path in prior for word in ("--prior", f"{name}={_absolute(path)}")]
+        options += [word for setting in row.settings for word in ("--set", setting)]
+        sources, inputs = [row.clip, *mine], {}
+        if not fitted_in_windows(row):
+            self._add("priors", ["priors", CLIP, "-o", ".", *clip, *options], inputs={}, reads=sources)
+            inputs = {"priors": "priors/"}
+        windows = _options(window=row.window, overlap=row.overlap)
+        command = ["fit", CLIP, "-o", ".", "--resume", *clip, *options, *windows]
+        self._add("fit", command, inputs=inputs, reads=sources)
+
+    def distil(self) -> None:
+        """Add the features of the row's teachers."""
+        row, target = self.row, "distilled.f4x"
+        head = [
+            "distill",
+            self.scene,
+            "--teacher",
+            ",".join(row.features),
+            "--clip",
+            CLIP,
+            *_options(frames=row.frames),
+        ]
+        labels = _options(vocabulary=",".join(row.vocabulary) or None)
+        command = [*head, *labels, "--features", "features", "-o", target, *self._costs(), *self._drawn()]
+        self._add("distill", command, inputs={self.source: self.scene}, reads=[row.clip])
+        self.scene, self.source = target, "distill"
+
+    def query(self) -> None:
+        """Add the row's words, each by itself."""
+        for words in self.row.queries:
+            target = self._place("query", words)
+            command = ["query", self.scene, "--text", words, "--if-any", "-o", target, *self._drawn()]
+            self._add(f"query {words}", command, inputs={self.source: self.scene})
+
+    def edit(self) -> None:
+        """Add the row's edits, one command after the other."""
+        commands: list[list[str]] = []
+        target = self.scene
+        for edit in self.row.edits:
+            instruction = ["--ops", _absolute(edit)] if edit.endswith(".json") else ["--say", edit]
+            output = [] if commands else ["-o", "edited.f4x"]
+            commands.append(["edit", target, *instruction, *self._drawn(), *output])
+            target = "edited.f4x"
+        reads = [edit for edit in self.row.edits if edit.endswith(".json")]
+        self._add("edit", *commands, inputs={self.source: self.scene}, reads=reads)
+        self.scene, self.source = target, "edit"
+
+    def render(self) -> None:
+        """Add the parts of each path of a camera."""
+        row = self.row
+        for path in row.paths:
+            own = path.endswith(".json")
+            target = self._place("render", path if not own else PurePosixPath(path).stem)
+            along = ["--path", _absolute(path) if own else path, "--channels", ",".join(row.channels)]
+            for part in range(1, row.parts + 1):
+                part_of = f"{part}/{row.parts}"
+                command = ["render", self.scene, "-o", target, *along, "--part", part_of, *self._drawn()]
+                reads = [path] if own else []
+                self._add(f"render {path} {part_of}", command, inputs={self.source: self.scene}, reads=reads)
+
+    def export(self) -> None:
+        """Add each format."""
+        for name in self.row.exports:
+            whole = FORMATS[name].write_clip is not None
+            target = f"export/{self.row.name}-{name}{FORMATS[name].suffixes[0]}" if whole else f"export/{name}"
+            command = ["export", self.scene, "-o", target, "--format", name]
+            self._add(f"export {name}", command, inputs={self.source: self.scene})
+
+    def _drawn(self) -> list[str]:
+        return _options(backend=self.row.backend)
+
+    def _costs(self) -> list[str]:
+        return _options(seed=self.row.seed, threads=self.row.threads)
+
+    def _place(self, folder: str, words: str) -> str:
         """A folder name made of `words`; F4xError if another task of the row already uses it."""
         name = f"{folder}/{slug(words)}"
-        if places.setdefault(name.lower(), words) != words:
-            raise F4xError(
-                f"{row.name}: '{places[name.lower()]}' and '{words}' would both write {name}; rename one of them."
-            )
+        first = self.places.setdefault(name.lower(), words)
+        if first != words:
+            raise F4xError(f"{self.row.name}: '{first}' and '{words}' would both write {name}; rename one of them.")
         return name
 
-    def add(stage: str, *commands: Sequence[str], inputs: Mapping[str, str], reads: Sequence[str] = ()) -> None:
-        before = {name: tasks[name].key for name in inputs}
-        state = [VERSION, commands, before, inputs, [digest(path) for path in reads]]
-        kind = stage.split(" ")[0]
-        tasks[stage] = Task(
-            row=row.name,
+    def _add(self, stage: str, *commands: Sequence[str], inputs: Mapping[str, str], reads: Sequence[str] = ()) -> None:
+        before = {name: self.tasks[name].key for name in inputs}
+        state = [VERSION, commands, before, inputs, [self.digest(path) for path in reads]]
+        clip = self.row.clip
+        self.tasks[stage] = Task(
+            row=self.row.name,
             stage=stage,
             commands=tuple(tuple(command) for command in commands),
-            clip=row.clip if URL in row.clip else os.path.abspath(os.path.expanduser(row.clip)),
+            clip=clip if URL in clip else os.path.abspath(os.path.expanduser(clip)),
             inputs=tuple(inputs.items()),
             key=hashlib.sha256(json.dumps(state).encode()).hexdigest(),
-            threads=row.threads,
-            memory=MEMORY.get(kind, 1) * GIGABYTE,
+            threads=self.row.threads,
+            memory=MEMORY.get(stage.split(" ")[0], 1) * GIGABYTE,
         )
-
-    masks = _absolute(row.masks) if row.masks not in (None, LAYOUT, ALPHA) else row.masks
-    prior = [entry.partition("=") for entry in row.prior]
-    mine = [*([row.masks] if row.masks not in (None, LAYOUT, ALPHA) else []), *(path for _, _, path in prior)]
-    frames = _options(frames=row.frames)
-    drawn, costs = _options(backend=row.backend), _options(seed=row.seed, threads=row.threads)
-    clip = [*frames, *_options(width=row.width, hold_out=row.hold_out, masks=masks)]
-    fit = [*_options(profile=row.profile, provider=row.provider, cameras=row.cameras, depth=row.depth), *costs, *drawn]
-    fit += [word for name, _, path in prior for word in ("--prior", f"{name}={_absolute(path)}")]
-    fit += [word for setting in row.settings for word in ("--set", setting)]
-    sources = [row.clip, *mine]
-    windows = _options(window=row.window, overlap=row.overlap)
-    in_windows = fitted_in_windows(row)
-    if not in_windows:
-        add("priors", ["priors", CLIP, "-o", ".", *clip, *fit], inputs={}, reads=sources)
-    inputs = {} if in_windows else {"priors": "priors/"}
-    add("fit", ["fit", CLIP, "-o", ".", "--resume", *clip, *fit, *windows], inputs=inputs, reads=sources)
-    scene, source = "scene.f4x", "fit"
-    if row.features:
-        labels = _options(vocabulary=",".join(row.vocabulary) or None)
-        head = ["distill", scene, "--teacher", ",".join(row.features), "--clip", CLIP, *frames]
-        add(
-            "distill",
-            [*head, *labels, "--features", "features", "-o", "distilled.f4x", *costs, *drawn],
-            inputs={source: scene},
-            reads=[row.clip],
-        )
-        scene, source = "distilled.f4x", "distill"
-    for words in row.queries:
-        asked = ["query", scene, "--text", words, "--if-any", "-o", place("query", words), *drawn]
-        add(f"query {words}", asked, inputs={source: scene})
-    if row.edits:
-        commands: list[list[str]] = []
-        target = scene
-        for edit in row.edits:
-            instruction = ["--ops", _absolute(edit)] if edit.endswith(".json") else ["--say", edit]
-            commands.append(["edit", target, *instruction, *drawn, *([] if commands else ["-o", "edited.f4x"])])
-            target = "edited.f4x"
-        add("edit", *commands, inputs={source: scene}, reads=[edit for edit in row.edits if edit.endswith(".json")])
-        scene, source = "edited.f4x", "edit"
-    for path in row.paths:
-        own = path.endswith(".json")
-        target = place("render", path if not own else PurePosixPath(path).stem)
-        along = ["--path", _absolute(path) if own else path, "--channels", ",".join(row.channels)]
-        for part in range(1, row.parts + 1):
-            part_of = f"{part}/{row.parts}"
-            command = ["render", scene, "-o", target, *along, "--part", part_of, *drawn]
-            add(f"render {path} {part_of}", command, inputs={source: scene}, reads=[path] if own else [])
-    for name in row.exports:
-        whole = FORMATS[name].write_clip is not None
-        target = f"export/{row.name}-{name}{FORMATS[name].suffixes[0]}" if whole else f"export/{name}"
-        add(f"export {name}", ["export", scene, "-o", target, "--format", name], inputs={source: scene})
-    return tuple(tasks.values())
 
 
 def fitted_in_windows(row: Row) -> bool:

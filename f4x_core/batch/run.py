@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import PurePosixPath
 from typing import Any, Protocol
 
@@ -235,41 +236,9 @@ def plan(
         known = parse_json(store.read(DIGESTS) or b"{}")
     digests = Digests(known)
 
-    def state_of(row: Row) -> RowState:
-        missing: dict[str, None] = {}
-
-        def digest(path: str) -> str:
-            found = digests.digest(path)
-            if not found:
-                missing[path] = None
-            return found
-
-        state = RowState(row, tasks_of(row, digest), missing=tuple(missing))
-        sizes = store.sizes(row.name)
-        state.states = dict.fromkeys((task.stage for task in state.tasks), WAITING)
-        records: list[Outcome] = []
-        for task in reversed(state.tasks):
-            name = record_name(task)
-            record = parse_record(store.read(name)) if name in sizes else None
-            if record is None or record.key != task.key:
-                continue
-            there = all(sizes.get(f"{row.name}/{file}") == size for file, size in record.files.items())
-            spare = task.kind == "priors" and state.states["fit"] == KEPT  # which alone reads them: they may be gone
-            if record.state == "done" and (there or spare):
-                state.states[task.stage] = KEPT
-                records.append(record)
-            elif record.state == "failed":
-                state.errors[task.stage] = record.error
-        kept = {f"{row.name}/{file}" for record in records for file in record.files}
-        kept |= {record_name(task) for task in state.tasks if state.states[task.stage] == KEPT}
-        state.old = tuple(_old_files(store, state, sizes.keys() - kept))
-        for record in reversed(records):
-            state.record(record)
-        return state
-
     states = []
     with ThreadPoolExecutor(READERS) as pool:
-        for done, state in enumerate(pool.map(state_of, rows), 1):
+        for done, state in enumerate(pool.map(partial(_state_of, store=store, digests=digests), rows), 1):
             states.append(state)
             progress(done, len(rows))
     if not remember:
@@ -277,6 +246,40 @@ def plan(
     store.write(DIGESTS, json.dumps(digests.to_json()).encode())
     others = [_read_other(store, name) for name in store.folders() if name not in {row.name for row in rows}]
     return Board(states, [each for each in others if each.states])
+
+
+def _state_of(row: Row, store: Store, digests: Digests) -> RowState:
+    """The tasks of a row, those that are done as kept, and what lies there that none of them made."""
+    missing: dict[str, None] = {}
+
+    def digest(path: str) -> str:
+        found = digests.digest(path)
+        if not found:
+            missing[path] = None
+        return found
+
+    state = RowState(row, tasks_of(row, digest), missing=tuple(missing))
+    sizes = store.sizes(row.name)
+    state.states = dict.fromkeys((task.stage for task in state.tasks), WAITING)
+    records: list[Outcome] = []
+    for task in reversed(state.tasks):
+        name = record_name(task)
+        record = parse_record(store.read(name)) if name in sizes else None
+        if record is None or record.key != task.key:
+            continue
+        there = all(sizes.get(f"{row.name}/{file}") == size for file, size in record.files.items())
+        spare = task.kind == "priors" and state.states["fit"] == KEPT  # which alone reads them: they may be gone
+        if record.state == "done" and (there or spare):
+            state.states[task.stage] = KEPT
+            records.append(record)
+        elif record.state == "failed":
+            state.errors[task.stage] = record.error
+    kept = {f"{row.name}/{file}" for record in records for file in record.files}
+    kept |= {record_name(task) for task in state.tasks if state.states[task.stage] == KEPT}
+    state.old = tuple(_old_files(store, state, sizes.keys() - kept))
+    for record in reversed(records):
+        state.record(record)
+    return state
 
 
 def _read_other(store: Store, name: str) -> RowState:

@@ -487,6 +487,11 @@ def _bench(verbs: Verbs) -> None:
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
     sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")
+    _bench_scene(sub)
+
+
+def _bench_scene(sub: argparse.ArgumentParser) -> None:
+    """The scene, clip and truth that `f4x bench features`, `edit`, `select` and `step` measure."""
     sub.add_argument(
         "--scene",
         type=path_argument,

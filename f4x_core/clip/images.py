@@ -124,12 +124,6 @@ def read_mask(file: Path, colours: bool = True) -> np.ndarray:
     return shown if (values == values[0, 0]).all() else marked & shown
 
 
-def read_labels(file: Path) -> np.ndarray:
-    """Return `(H, W)` uint8, the grey value or palette index; of a picture in colours 1 where it is not 0; raises F4xError."""
-    with _opened(file) as image:
-        return np.asarray(image) if image.mode in ("P", "L") else read_mask(file).astype(np.uint8)
-
-
 def open_undecoded(file: Path):
     """Return a PIL image whose size was compared with the bytes of `file`, and whose pixels were not read.
 

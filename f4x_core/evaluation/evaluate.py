@@ -107,38 +107,10 @@ def evaluate(
             f"{clip.source}: the clip has {len(clip)} frames of {clip.width}x{clip.height}, the scene {len(cameras)} of"
             f" {cameras.width}x{cameras.height}; give the clip that was fitted{f', with --frames {fitted}' if fitted else ''}."
         )
-    held_out, figures = set(scene.held_out), figures or Figures()
+    figures = figures or Figures()
 
     def scores(index: int) -> dict[str, Any]:
-        """Return the scores of one frame."""
-        moment = FrozenMoment(scene, float(cameras.times[index]), backend)
-        target, seen = frame_of(clip, index)
-        rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
-        with torch.no_grad():
-            image, moving, _ = moment.draw(rig.camera(0, clip.width, clip.height))
-        target = target if seen is None else torch.where(seen[..., None] > 0, target, image)
-        region = (moving > MOVING_ALPHA).float()
-        row: dict[str, Any] = {
-            "frame": index,
-            "held_out": index in held_out,
-            "psnr": psnr(image, target, seen),
-            "ssim": ssim(image, target),
-            "psnr_moving": psnr(image, target, within(region, seen)),
-            "psnr_static": psnr(image, target, within(1 - region, seen)),
-        }
-        distance = lpips(image.numpy(), target.numpy()) if figures.perceptual else None
-        if distance is not None:
-            row["lpips"] = distance
-        mask = None if figures.masks is None else figures.masks.get(index)
-        if row["held_out"]:
-            row |= registered_scores(scene, clip, index, moment, figures.baselines, mask)
-        elif mask is not None:
-            row |= mask_scores(image, moving, target, mask)
-        if row["held_out"] and figures.refine_camera:
-            row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
-        if row["held_out"] and figures.baselines:
-            row |= baseline_scores(clip, index, held_out)
-        return row
+        return _frame_scores(scene, clip, index, figures, backend)
 
     def report(done: int) -> None:
         progress("evaluate", done, len(clip))
@@ -147,6 +119,39 @@ def evaluate(
     with side_by_side(torch.get_num_threads()), torch_threads(1):
         frames = in_threads(scores, range(len(clip)), report)
     return {"frames": frames, **summary(frames)}
+
+
+def _frame_scores(scene: Scene, clip: Clip, index: int, figures: Figures, backend: str) -> dict[str, Any]:
+    """Return the scores of frame `index`."""
+    held_out, time = set(scene.held_out), float(scene.cameras.times[index])
+    moment = FrozenMoment(scene, time, backend)
+    target, seen = frame_of(clip, index)
+    rig = CameraRig(scene.cameras.at_times([time]))
+    with torch.no_grad():
+        image, moving, _ = moment.draw(rig.camera(0, clip.width, clip.height))
+    target = target if seen is None else torch.where(seen[..., None] > 0, target, image)
+    region = (moving > MOVING_ALPHA).float()
+    row: dict[str, Any] = {
+        "frame": index,
+        "held_out": index in held_out,
+        "psnr": psnr(image, target, seen),
+        "ssim": ssim(image, target),
+        "psnr_moving": psnr(image, target, within(region, seen)),
+        "psnr_static": psnr(image, target, within(1 - region, seen)),
+    }
+    distance = lpips(image.numpy(), target.numpy()) if figures.perceptual else None
+    if distance is not None:
+        row["lpips"] = distance
+    mask = None if figures.masks is None else figures.masks.get(index)
+    if row["held_out"]:
+        row |= registered_scores(scene, clip, index, moment, figures.baselines, mask)
+    elif mask is not None:
+        row |= mask_scores(image, moving, target, mask)
+    if row["held_out"] and figures.refine_camera:
+        row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
+    if row["held_out"] and figures.baselines:
+        row |= baseline_scores(clip, index, held_out)
+    return row
 
 
 def frame_of(clip: Clip, index: int) -> tuple[Tensor, Tensor | None]:

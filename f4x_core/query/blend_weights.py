@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,31 +29,37 @@ def blend_weight_sums(scene: Scene, time: float, index: int | None, layers: np.n
     return blend_weights.blend_weight_sums(scene.posed(time), camera, layers)
 
 
+@dataclass(frozen=True)
+class Look:
+    """Gaussians seen from a camera, and how they are drawn."""
+
+    splats: Splats
+    camera: Camera
+    config: RasterConfig
+    backend: str = "auto"
+
+
 def seen_sums(
-    splats: Splats,
-    camera: Camera,
-    layers: np.ndarray,
-    config: RasterConfig,
-    least: float,
-    backend: str = "auto",
-    asked: np.ndarray | None = None,
+    look: Look, layers: np.ndarray, least: float, among: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(sums (N,L) float64, seen (N,) bool): blend weights in `layers (H,W,L)`, and who shows in the picture.
+    """(sums (N,L) float64, seen (N,) bool): blend weights in `layers (H,W,L)`, and the Gaussians that show in the picture.
 
     A Gaussian shows if some of its light falls into the picture, and of all its light, on a picture that is wider by `MARGIN`,
-    at least the fraction `least` passes what is before it. Only those of `asked (N,) bool` are looked at for that.
+    at least the fraction `least` passes what is before it. Only those of `among (N,) bool` are looked at for that.
     """
     rows, columns = (round(MARGIN * size) for size in layers.shape[:2])
+    camera, config = look.camera, look.config
     intrinsics = camera.intrinsics.copy()
     intrinsics[:2, 2] += columns, rows
     wide = Camera(intrinsics, camera.world_to_camera, camera.width + 2 * columns, camera.height + 2 * rows)
     inside = np.concatenate([layers, np.ones((*layers.shape[:2], 1), np.float32)], -1)
     inside = np.pad(inside, ((rows, rows), (columns, columns), (0, 0)))
     all_of_it = np.concatenate([inside, np.ones((*inside.shape[:2], 1), np.float32)], -1)
-    found = blend_weights.blend_weight_sums(splats, wide, all_of_it, config=config, backend=backend).astype(np.float64)
-    seen = found[:, -2] > 0 if asked is None else asked & (found[:, -2] > 0)
+    sums = blend_weights.blend_weight_sums(look.splats, wide, all_of_it, config=config, backend=look.backend)
+    found = sums.astype(np.float64)
+    seen = found[:, -2] > 0 if among is None else among & (found[:, -2] > 0)
     index = np.flatnonzero(seen)
-    seen[index] = found[index, -1] >= least * blend_weights.alpha_sums(splats.take(index), wide, config=config)
+    seen[index] = found[index, -1] >= least * blend_weights.alpha_sums(look.splats.take(index), wide, config=config)
     return found[:, :-2], seen
 
 

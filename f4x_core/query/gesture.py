@@ -15,7 +15,7 @@ from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..scene import Scene
 from ..scene.clouds import Cloud, fitted_config
-from .blend_weights import seen_sums
+from .blend_weights import Look, seen_sums
 from .marks import Mark
 from .not_deleted import not_deleted
 from .pixels import SHOWN, coverage_image
@@ -118,7 +118,7 @@ def _seen_inside(cloud: Cloud, view: View, shape: Shape, backend: str) -> np.nda
     inside = shape.contains(pixels).reshape(size[1], size[0])
     layers = np.stack([inside, np.ones_like(inside)], -1).astype(np.float32)
     splats = Splats(cloud.means, cloud.quats, cloud.scales, cloud.opacities)
-    sums, seen = seen_sums(splats, camera, layers, config, SEEN, backend)
+    sums, seen = seen_sums(Look(splats, camera, config, backend), layers, SEEN)
     return np.clip(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(len(sums)), where=seen), 0, 1)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -68,6 +69,70 @@ _UNKNOWN = {
 """Words for people -> what of it the scene cannot tell."""
 
 
+@dataclass
+class _Persons:
+    """The people of a scene, while the ways in which a text names them are written in ordinals."""
+
+    kind: Literal["word", "question", "sentence"]
+    counted: list[int]
+    """Numbers of the people, as ordinals count them."""
+    in_row: list[int]
+    """The same from left to right in the frame that the text is about."""
+    named: set[int]
+    """Those whom "the other person" excludes: selected, or named so far."""
+
+    @property
+    def total(self) -> str:
+        """The number of people in a sentence's words."""
+        count = len(self.counted)
+        return f"There {'is 1 person' if count == 1 else f'are {count} people'} in the scene"
+
+    def at_place(self, found: re.Match[str]) -> str:
+        """Return "the second person's left hand" for a match of a place, a word for people and perhaps a part of the body.
+
+        Raises F4xError where the place is that of nobody, or may be anybody's.
+        """
+        place, whom, part = found[1].lower().removesuffix("most"), found[2].lower(), found[3] or ""
+        single = singular(whom) == whom
+        if not single and place == "other" and self.named:
+            return " and the ".join(self._ordinal(one, whom, part) for one in self._others())
+        if not single or (place in ("left", "right", "middle") and self.kind == "sentence" and not part):
+            return found[0]
+        number = _COUNT.get(place, 0)
+        meant = self._others() if place == "other" else self._ends().get(place, self.counted[number - 1 : number])
+        if len(meant) != 1:
+            lacking = "may be anybody; say for example 'the second person'" if meant else "is nobody"
+            raise F4xError(f"{self.total}, so 'the {ORDINALS[number - 1] if number else place} {whom}' {lacking}.")
+        self.named.add(meant[0])
+        return self._ordinal(meant[0], whom, part)
+
+    def in_number(self, found: re.Match[str]) -> str:
+        """Return what texts of this kind say for a match of a count of people ("both dancers").
+
+        Raises F4xError where it is another count than the scene's.
+        """
+        count, whom = (found[1] or "two").lower(), found[2].lower()
+        if singular(whom) == whom:
+            return found[0]
+        if ONES.get(count, count) not in (len(self.counted), str(len(self.counted))):
+            raise F4xError(f"{self.total}, not {count}.")
+        pair = f"first {_one(whom)} and the second {_one(whom)}"
+        return {"sentence": found[0], "word": whom, "question": pair if len(self.counted) == 2 else whom}[self.kind]
+
+    def _ordinal(self, person: int, whom: str, part: str) -> str:
+        return f"{ORDINALS[self.counted.index(person)]} {_one(whom)}{part}"
+
+    def _others(self) -> list[int]:
+        others = [person for person in self.counted if person not in self.named]
+        return others if self.named or len(self.counted) > 1 else []
+
+    def _ends(self) -> dict[str, list[int]]:
+        """The people at a place of the row, and the last of those counted."""
+        middle, odd = divmod(len(self.counted), 2)
+        row = self.in_row
+        return {"left": row[:1], "right": row[-1:], "middle": row[middle:][:odd], "last": self.counted[-1:]}
+
+
 def in_ordinals(
     scene: Scene,
     text: str,
@@ -87,41 +152,15 @@ def in_ordinals(
     single = rf"\b(?:who|s?he|both|any\w+|some\w+|every\w+|{_NUMBER}|\d+|{_PLACE}|.*'s)\b"
     if people is None or not re.search(single, text, re.IGNORECASE):
         return text, []
-    everybody = from_left(scene)[0].tolist()[: len(ORDINALS)]
-    many, before = len(everybody), set() if selected is None else {*people.person[selected].tolist()}
-    there = f"There {'is 1 person' if many == 1 else f'are {many} people'} in the scene"
-    here = everybody if frame is None else [one for one in from_left(scene, frame)[0].tolist() if one in everybody]
-    ends = {"left": here[:1], "right": here[-1:], "middle": here[many // 2 :][: many % 2], "last": everybody[-1:]}
-
-    def placed(found: re.Match[str]) -> str:
-        place, whom, part = found[1].lower().removesuffix("most"), found[2].lower(), found[3] or ""
-        others = [person for person in everybody if person not in before] if before or many > 1 else []
-        if singular(whom) != whom and place == "other" and before:
-            return " and the ".join(f"{ORDINALS[everybody.index(one)]} {_one(whom)}{part}" for one in others)
-        if singular(whom) != whom or (place in ("left", "right", "middle") and kind == "sentence" and not part):
-            return found[0]
-        number = _COUNT.get(place, 0)
-        place = ORDINALS[number - 1] if number else place
-        meant = others if place == "other" else ends.get(place, everybody[number - 1 : number])
-        if len(meant) != 1:
-            lacking = "may be anybody; say for example 'the second person'" if meant else "is nobody"
-            raise F4xError(f"{there}, so 'the {place} {whom}' {lacking}.")
-        before.add(meant[0])
-        return f"{ORDINALS[everybody.index(meant[0])]} {_one(whom)}{part}"
-
-    def so_many(found: re.Match[str]) -> str:
-        count, whom = (found[1] or "two").lower(), found[2].lower()
-        if singular(whom) == whom:
-            return found[0]
-        if ONES.get(count, count) not in (many, str(many)):
-            raise F4xError(f"{there}, not {count}.")
-        pair = f"first {_one(whom)} and the second {_one(whom)}"
-        return {"sentence": found[0], "word": whom, "question": pair if many == 2 else whom}[kind]
-
+    counted = from_left(scene)[0].tolist()[: len(ORDINALS)]
+    in_row = counted if frame is None else [one for one in from_left(scene, frame)[0].tolist() if one in counted]
+    named = set() if selected is None else {*people.person[selected].tolist()}
+    persons = _Persons(kind, counted, in_row, named)
     rules: list[tuple[str, Any]] = [(pattern, into) for where, pattern, into in _REWRITTEN if where in ("any", kind)]
     if kind == "question" and selected is None:
         rules.append((r"^((?:(?!\b(?:the|an?)\b|,).)*)\b(?:she|he)\b", r"\1the person"))
-    rules += [(rf"\b({_PLACE}) ({_SOMEBODY})\b('s? {_PARTS}\b)?", placed), (_OF_MANY, so_many)]
+    place = rf"\b({_PLACE}) ({_SOMEBODY})\b('s? {_PARTS}\b)?"
+    rules += [(place, persons.at_place), (_OF_MANY, persons.in_number)]
     kept = "|".join([_KEPT, *(rf"\b{re.escape(name)}\b" for name in names)])
     pieces = re.split(f"({kept})", text, flags=re.IGNORECASE)
     for pattern, into in rules:

@@ -11,7 +11,7 @@ from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..scene import MADE_UP, Scene
 from ..scene.clouds import Cloud, fitted_config
-from .blend_weights import seen_sums
+from .blend_weights import Look, seen_sums
 from .pixels import coverage_by
 
 VIEWS, COLUMNS = 32, 320
@@ -53,5 +53,6 @@ def _seen(scene: Scene) -> np.ndarray:
         nothing = np.zeros((camera.height, camera.width, 0), np.float32)
         cloud = Cloud.of_scene(scene, time)
         splats = Splats(cloud.means, cloud.quats, cloud.scales, cloud.opacities)
-        seen |= seen_sums(splats, camera, nothing, fitted_config([cloud], camera), LEAST, asked=~seen)[1]
+        look = Look(splats, camera, fitted_config([cloud], camera))
+        seen |= seen_sums(look, nothing, LEAST, among=~seen)[1]
     return seen

@@ -131,18 +131,3 @@ def write_lists(folder: Path, train: list, val: list) -> None:
     about = {name: {"warp_id": t, "appearance_id": t, "camera_id": c} for t, c, name in train + val}
     write_text(folder / "metadata.json", about)
     write_text(folder / "scene.json", {"scale": 0.3, "center": [0.1, 0.2, 0.3], "near": 0.1, "far": 1.0})
-
-
-def write_davis(data: Path, world: World, sequence: str = "camel") -> Path:
-    """Annotations of both movers, as palette PNG: the box is 1, the brick 2."""
-    root = data / "davis"
-    numbers = np.array([("box", "brick").index(name) + 1 if name in ("box", "brick") else 0 for name in world.labels])
-    for frame, view in enumerate(world.views):
-        save(root / "JPEGImages" / "480p" / sequence / f"{frame:05d}.jpg", as_bytes(view.rgb))
-        annotation = Image.fromarray(np.where(view.label < 0, 0, numbers[view.label]).astype(np.uint8), "L").convert(
-            "P"
-        )
-        file = root / "Annotations" / "480p" / sequence / f"{frame:05d}.png"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        annotation.save(file)
-    return root / "JPEGImages" / "480p" / sequence

@@ -6,20 +6,18 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from data_sets import HIDDEN, UNIT, keypoints, toy, write_davis, write_dycheck, write_nerfies, write_nvidia
-from PIL import Image
+from data_sets import HIDDEN, UNIT, keypoints, toy, write_dycheck, write_nerfies, write_nvidia
 from scipy.signal import convolve2d
 
 from benchmarks.quality.image_metrics import (
     masked_psnr,
     masked_ssim,
     psnr_bytes,
-    region_similarity,
     score_confusion,
     ssim_bytes,
 )
-from benchmarks.studies import datasets, protocols, view_questions
-from benchmarks.studies.novel import measured_width, read_annotations, read_keypoints, read_moving, read_novel_cameras
+from benchmarks.studies import datasets, protocols
+from benchmarks.studies.novel import measured_width, read_keypoints, read_novel_cameras
 from benchmarks.studies.protocols import (
     DYCHECK,
     NERFIES,
@@ -35,9 +33,6 @@ from benchmarks.study import Context, MissingError
 from f4x_core.clip import read_clip
 from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
-from f4x_core.features.spec import FeatureSpec
-from f4x_core.features.teachers import TeacherEntry
-from f4x_core.query.segmentation import shrink
 from f4x_core.scene.view import render
 
 SCENES = {"nvidia/Balloon1": [12], "dycheck/paper-windmill": [6, 5], "nerfies/tail": [12]}
@@ -52,7 +47,7 @@ def world():
 @pytest.fixture(scope="module")
 def data(world, tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
-    for write in (write_nvidia, write_dycheck, write_nerfies, write_davis):
+    for write in (write_nvidia, write_dycheck, write_nerfies):
         write(folder, world)
     return folder
 
@@ -79,14 +74,12 @@ def test_test_views_go_along_with_the_frames_and_size_of_the_clip(data, world):
     assert one.path.times.tolist() == [1] and two.path.times.tolist() == [0, 2]
     assert one.frames.shape == (1, 18, 32, 3) and one.path.width == 32
     assert one.seen.shape == (1, 18, 32) and (~one.seen).sum() == 18 * HIDDEN // 3
-    assert read_novel_cameras(read_clip(data / "davis/camel")) == []
 
 
 def test_each_data_set_tells_at_which_width_it_is_measured(data, world):
     assert measured_width(data / "nvidia/Balloon1") == world.width
     assert measured_width(data / "dycheck/paper-windmill") == world.width  # cameras of twice the size, factor 2
     assert measured_width(data / "nerfies/tail", 8) == world.width // 2
-    assert measured_width(data / "davis/camel") is None
 
 
 def test_undistorted_pictures_do_not_count_where_the_lens_saw_nothing(tmp_path):
@@ -107,37 +100,6 @@ def test_keypoints_come_in_pixels_of_the_clip_and_follow_the_true_tracks(data, w
     half = read_keypoints(read_clip(data / "dycheck/paper-windmill", "3:12", width=32))
     np.testing.assert_allclose(half[0][:, 0], truth[3][:, 0] / 3)
     assert read_keypoints(read_clip(data / "nvidia/Balloon1")) == {}
-
-
-def test_annotations_are_numbers_of_objects_at_the_frames_of_the_clip(data, world, tmp_path):
-    clip = read_clip(data / "davis/JPEGImages/480p/camel", "1:8:3")
-    labels = read_annotations(clip)
-    for row, frame in zip(labels, (1, 4, 7), strict=True):
-        for number, name in enumerate(("box", "brick"), 1):
-            np.testing.assert_array_equal(row == number, world.views[frame].label == world.labels.index(name))
-    folder = write_davis(tmp_path, world)
-    files = sorted((tmp_path / "davis/Annotations/480p/camel").iterdir())
-    binary, void = np.zeros((2, world.height, world.width), np.uint8)
-    binary[:4, :4], void[:4, :4], void[8:, 8:] = 255, 255, 2
-    for pictures, expected in (((binary, binary), binary == 255), ((binary, void), 0)):
-        for file, picture in zip(files, pictures, strict=False):
-            Image.fromarray(picture).save(file)
-        two = read_annotations(read_clip(folder, "0:2"))
-        assert (two[0] == expected).all(), "255 is the object of DAVIS 2016, and void beside other numbers"
-    assert set(np.unique(two[1])) == {0, 2}
-    files[0].unlink()
-    with pytest.raises(F4xError, match="masks for"):
-        read_annotations(read_clip(folder, "0:2"))
-
-
-def test_what_moves_in_the_first_test_view_is_the_data_sets_mask_of_the_frame_taken_there(data, world):
-    clip = read_clip(data / "nvidia/Balloon1")
-    (novel,) = read_novel_cameras(clip)
-    np.testing.assert_array_equal(read_moving(clip, novel), world.views[0].moving > 0.5)
-    later = replace(novel, path=novel.path.at_times(novel.path.times[1:]))
-    assert read_moving(clip, later) is None, "that camera took no other frame"
-    clip = read_clip(data / "nerfies/tail")
-    assert read_moving(clip, read_novel_cameras(clip)[0]) is None
 
 
 def test_broken_data_sets_are_told_in_one_sentence(tmp_path):
@@ -226,47 +188,6 @@ def test_a_view_is_scored_over_its_co_visible_pixels_alone(data):
     assert score_render(wrong, camera, 0, masked=False)["PSNR (dB)"] < 30
 
 
-def test_j_is_the_official_tools():
-    """Mean over objects, of frames between the first and the last; objects that the first annotation lacks don't count."""
-    truth = np.zeros((4, 2, 4), np.uint8)
-    truth[:, 0], truth[:, 1, :2], truth[2, 1, 3] = 1, 2, 3
-    found = truth.copy()
-    found[[0, 3]], found[2, 1, 3] = 0, 0  # the first and the last frame, and object 3
-    assert region_similarity(found, truth) == 1
-    found[1, 0, 2:] = 2  # in one of two frames, half of object 1 goes to object 2
-    assert region_similarity(found, truth) == pytest.approx(((2 / 4 + 1) / 2 + (2 / 4 + 1) / 2) / 2)
-    truth[1:3][truth[1:3] == 1] = 0  # object 1 has gone
-    found = truth.copy()
-    assert region_similarity(found, truth) == 1
-    for short in (truth[:2], np.zeros_like(truth)):
-        with pytest.raises(F4xError, match="three frames"):
-            region_similarity(short, short)
-
-
-class Claims:
-    """A decoder in whose frames each object claims all columns up to its number with a logit of its number, or none."""
-
-    count, size = 3, (2, 4)
-
-    def reset(self):
-        self.number = 0
-
-    def prompt(self, t, mask):
-        assert t == 0 and self.number == 0, "the prompt of the object before is still there"
-        self.number = int(mask.sum())
-
-    def propagate(self):
-        for t in range(self.count):
-            columns = np.broadcast_to(np.arange(4) < self.number, self.size)
-            yield t, np.where(columns, np.float32(5 - self.number), np.float32(-1))
-
-
-def test_a_pixel_that_several_objects_claim_is_of_the_surest():
-    first = np.array([[0, 3, 3, 3], [7, 0, 0, 0]], np.uint8)  # 3 is three pixels large, 7 one
-    found = datasets.follow_objects(Claims(), first)
-    np.testing.assert_array_equal(found, np.broadcast_to(np.array([7, 3, 3, 0], np.uint8), (3, 2, 4)))
-
-
 def test_confusion_counts_labels_that_are_true_or_found():
     confusion = np.array([[3, 1, 0], [0, 4, 0], [0, 0, 0]])
     assert score_confusion(confusion) == pytest.approx(((3 / 4 + 4 / 5) / 2, 7 / 8))
@@ -299,41 +220,19 @@ def test_published_rows_agree_with_the_sums_and_means_that_are_printed_beside_th
 
 
 def test_without_data_each_study_is_skipped_with_one_sentence(tmp_path):
-    for study in (datasets.study_nvidia, datasets.study_dycheck, datasets.study_nerfies, datasets.study_davis):
+    for study in (datasets.study_nvidia, datasets.study_dycheck, datasets.study_nerfies):
         for place in (None, tmp_path):
             with pytest.raises(MissingError, match=r"docs/datasets\.md"):
                 study(Context(tmp_path, data=place))
 
 
-class Colours:
-    """A teacher that sees colours, and a text encoder that knows their names."""
-
-    def __init__(self, name):
-        self.name = name
-
-    def spec_for(self, width, height):
-        return FeatureSpec(self.name, 4, (9, 16), text_encoder="colours" if self.name == "text" else None)
-
-    def encode(self, seen):
-        if isinstance(seen, list):
-            return np.eye(4, dtype=np.float32)[[len(word) % 4 for word in seen]]
-        colours = shrink(seen.astype(np.float32) / 255 - 0.5, (9, 16))
-        return np.concatenate([colours, np.full((9, 16, 1), 0.1, np.float32)], -1)
-
-
 @pytest.fixture
 def short(monkeypatch):
-    """Colours for teachers, fits of a few steps with the data sets' cameras, and few steps of distilling."""
+    """Fits of a few steps with the data sets' cameras."""
     whole = protocols.fit_config
     for module in (protocols, datasets):
         monkeypatch.setattr(module, "fit_config", lambda context, name: shorten(whole(context, name), 12))
     monkeypatch.setattr(protocols, "QUICK_WIDTH", 96)
-    monkeypatch.setattr(view_questions, "QUICK_STEPS", 5)
-    monkeypatch.setattr(TeacherEntry, "load", lambda entry, model: Colours(entry.name))
-    monkeypatch.setattr(view_questions, "load_text_encoder", lambda name: Colours(name))
-    monkeypatch.setattr(view_questions, "require_ready", lambda name: None)
-    for names, chosen in (("LABELLERS", ("text",)), ("FOLLOWERS", ("visual",))):
-        monkeypatch.setattr(datasets, names, chosen)
     brief = {"first": replace(NVIDIA.first, steps=3, hold=1), "others": replace(NVIDIA.first, steps=2, hold=1)}
     for name, protocol in (("NVIDIA", NVIDIA), ("DYCHECK", DYCHECK), ("NERFIES", NERFIES)):
         monkeypatch.setattr(datasets, name, replace(protocol, known_cameras=True, **brief))
@@ -367,37 +266,21 @@ def test_test_cameras_are_placed_by_the_fit_and_matching_takes_out_a_shift(tmp_p
     assert np.linalg.norm(matched[-1].center - placed[-1].center) < 0.006  # a turn stands in for a part of the shift
 
 
-STUDIES = {
-    "nvidia": (datasets.study_nvidia, {"views", "masks"}),
-    "dycheck": (datasets.study_dycheck, {"views"}),
-    "nerfies": (datasets.study_nerfies, {"views", "masks", "labels"}),
-    "davis": (datasets.study_davis, {"clips"}),
-}
-
-
 @pytest.mark.parametrize(
-    "name", ["davis", *(pytest.param(name, marks=pytest.mark.slow) for name in STUDIES if name != "davis")]
+    "name", ["dycheck", *(pytest.param(name, marks=pytest.mark.slow) for name in ("nvidia", "nerfies"))]
 )
 def test_each_study_runs_end_to_end_and_again_from_its_steps(name, tmp_path, data, short):
-    study, tables = STUDIES[name]
+    study = getattr(datasets, f"study_{name}")
     context = Context(tmp_path, quick=True, data=data, threads=1)
     found = study(context)
-    assert not found.failed and {table.name for table in found.tables} == tables
-    for table in found.tables:
-        assert any(row.get("source", "here") == "here" for row in table.rows), table.name
-        assert all(isinstance(row.get(column, 0.0), (int, float)) for row in table.rows for column in table.timed)
+    (table,) = found.tables
+    assert not found.failed and table.name == "views" and table.rows[0]["source"] == "here"
+    assert all(isinstance(row.get(column, 0.0), (int, float)) for row in table.rows for column in table.timed)
     assert study(context) == found
-    views = found.tables[0].rows
-    if name in ("nvidia", "nerfies"):
-        assert any(row["source"] == "Feature4X" for table in found.tables for row in table.rows)
-        points = {row["point on"] for row in found.tables[1].rows if "point on" in row}
-        assert points == {{"nvidia": view_questions.GIVEN_MASK, "nerfies": view_questions.SCENES_LIGHT}[name]}
-        assert found.words and "published" in found.words[0]
+    if name == "nvidia":
+        assert any(row["source"] == "Feature4X" for row in table.rows) and "published" in found.words[0]
     if name == "dycheck":
-        assert views[0]["PCK@5%"] > 0.5 and views[0]["views"] == 11 and "mPSNR (dB)" in views[0]
-    if name == "davis":
-        assert views[0]["objects"] == 2
-        assert views[0]["J, frames"] > 0 and views[0]["J, scene"] >= 0 and views[0]["held out (dB)"] > 10
+        assert table.rows[0]["PCK@5%"] > 0.5 and table.rows[0]["views"] == 11 and "mPSNR (dB)" in table.rows[0]
 
 
 @pytest.mark.slow
@@ -406,8 +289,8 @@ def test_a_scene_that_cannot_be_read_costs_no_other(tmp_path, world, short):
     (write_dycheck(tmp_path, world, "block") / "camera/0_00000.json").write_text("{}")
     context = Context(tmp_path / "out", data=tmp_path, threads=1, quick=True)
     folders = sorted((tmp_path / "dycheck").iterdir())
-    found = datasets._measure(context, datasets.DYCHECK, folders, asks=False)
-    assert [row["scene"] for row in found.views] == ["apple"] and "block" in found.failed[0]
+    rows, failed = datasets._measure(context, datasets.DYCHECK, folders)
+    assert [row["scene"] for row in rows] == ["apple"] and "block" in failed[0]
 
 
 def test_a_data_set_of_which_no_scene_can_be_read_says_nothing_and_fails(tmp_path):

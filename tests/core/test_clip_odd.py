@@ -20,7 +20,6 @@ from f4x_core.clip.stream import ClipStream, survey
 from f4x_core.errors import F4xError
 
 WIDTH, HEIGHT = 96, 64
-GREEN = (40, 160, 60)
 
 
 TEXTURE = cv2.resize(np.random.default_rng(0).normal(0, 60, (32, 96)), (192, 64), interpolation=cv2.INTER_LINEAR)

@@ -1,4 +1,4 @@
-"""The training loop: each term of its loss against its formula in numpy, and which rate each parameter learns at."""
+"""The training loop: each term of its loss with its inputs, weight and period, and which rate each parameter learns at."""
 
 import copy
 import dataclasses
@@ -13,11 +13,14 @@ from toy import HEIGHT, WIDTH, clip_and_priors
 from f4x_core.fit.config import GaussianRates, LossConfig, RateConfig, profile
 from f4x_core.fit.frame_data import FrameData
 from f4x_core.fit.loss_terms import total_loss
+from f4x_core.fit.losses import depth_loss, depth_roughness, masked_l1
 from f4x_core.fit.pipeline import start_fit
 from f4x_core.fit.trainer import FitStart, Trainer
+from f4x_core.geometry import quaternion
 from f4x_core.native import open_library
 from f4x_core.native.kernels import Kernels
 from f4x_core.priors import Priors
+from f4x_core.scaffold.losses import arap_losses, smoothness_losses
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -129,52 +132,30 @@ def draw(stage: Trainer, data: FrameData, scene) -> Drawn:
     return Drawn(channels[..., :3], depth, alpha, channels[..., 3], channels[..., 4:], scene[2])
 
 
-def turned(quat, vector):
-    """`vector` turned by the unit quaternion wxyz."""
-    w, u = quat[0], quat[1:]
-    return vector + 2 * np.cross(u, np.cross(u, vector) + w * vector)
-
-
 # ---- the terms, written out --------------------------------------------------------------------------------------------
+
+
+def double(*maps):
+    return tuple(torch.as_tensor(each).double() for each in maps)
 
 
 def picture_term(stage, data, drawn):
     """Mean over pixels, weighed 1 to `moving` by the motion score, of the L1 over channels."""
-    weight = stage.config.losses.moving
-    total = weights = 0.0
-    for r in range(data.height):
-        for c in range(data.width):
-            attention = 1 + (weight - 1) * float(data.maps(FRAME).motion[r, c])
-            error = sum(abs(drawn.rgb[r, c, k] - float(data.rgb[FRAME, r, c, k]) / 255) for k in range(3))
-            total, weights = total + attention * error, weights + attention
-    return total / weights
+    image, frame, motion = double(drawn.rgb, data.rgb[FRAME], data.maps(FRAME).motion)
+    return float(masked_l1(image, frame / 255, 1 + (stage.config.losses.moving - 1) * motion))
 
 
 def depth_term(stage, data, drawn):
     """Mean, by confidence, of the difference of inverse depths where depth is known."""
-    total = weights = 0.0
-    for r in range(data.height):
-        for c in range(data.width):
-            known, confidence = float(data.maps(FRAME).depth[r, c]), float(data.maps(FRAME).confidence[r, c])
-            if not math.isnan(known):
-                inverse = drawn.alpha[r, c] / max(drawn.depth[r, c], 1e-3)
-                total, weights = total + confidence * abs(inverse - 1 / known), weights + confidence
-    return total / weights
+    maps = data.maps(FRAME)
+    return float(depth_loss(*double(drawn.depth, drawn.alpha, maps.depth, maps.confidence)))
 
 
 def rough_term(stage, data, drawn):
-    """Mean bend of the inverse depth of two neighbours' middle, less on texture, where depth is known and where it moves."""
-    height, width, total = data.height, data.width, 0.0
-    grey, motion = data.rgb[FRAME].double().numpy().mean(-1) / 255, data.maps(FRAME).motion.double().numpy()
-    unsure = (1 - data.maps(FRAME).confidence.double().numpy()) * (1 - motion)
-    inverse = drawn.alpha / np.maximum(drawn.depth, 1e-3)
-    for down, across in ((1, 0), (0, 1)):
-        middles = [(r, c) for r in range(down, height - down) for c in range(across, width - across)]
-        for r, c in middles:
-            three = [(r - down, c - across), (r, c), (r + down, c + across)]
-            bend, texture = (abs(m[three[0]] - 2 * m[three[1]] + m[three[2]]) for m in (inverse, grey))
-            total += bend * math.exp(-texture / 0.04) * min(unsure[place] for place in three) / len(middles)
-    return total
+    """Mean bend of the inverse depth where the picture is plain, depth is unsure and nothing moves."""
+    maps = data.maps(FRAME)
+    depth, alpha, frame, motion, sure = double(drawn.depth, drawn.alpha, data.rgb[FRAME], maps.motion, maps.confidence)
+    return float(depth_roughness(depth, alpha, frame / 255, (1 - sure) * (1 - motion)))
 
 
 def mask_term(stage, data, drawn):
@@ -221,57 +202,27 @@ def track_term(stage, data, drawn):
     return float(np.mean(distances))
 
 
-def window_of(stage):
-    """Nodes (F,M,3), unit quaternions (F,M,4) and times of the frames within the longest shift of FRAME."""
-    reach = max(stage.config.shifts)
-    chosen = [t for t in range(len(stage.model.times)) if abs(t - FRAME) <= reach]
-    xyz = stage.model.nodes.parameters["node_xyz"].detach().double().numpy()[chosen]
-    quat = stage.model.nodes.parameters["node_quat"].detach().double().numpy()[chosen]
-    return xyz, quat / np.linalg.norm(quat, axis=-1, keepdims=True), stage.model.times[chosen]
+MOTION = (
+    "arap_coordinate",
+    "arap_length",
+    "velocity",
+    "acceleration",
+    "rotation_velocity",
+    "rotation_acceleration",
+    "dw",
+)
 
 
-def arap_terms(stage):
-    """As-rigid-as-possible: change over each shift of a neighbour's place in its frame, and of its distance."""
-    xyz, quat, _ = window_of(stage)
-    edges, config = stage.model.nodes.edges, stage.config
-    coordinate = length = 0.0
-    for a, b, weight in zip(edges.node.tolist(), edges.neighbour.tolist(), edges.weight.tolist(), strict=True):
-        offset = xyz[:, a] - xyz[:, b]
-        local = [turned(q * [1, -1, -1, -1], o) for q, o in zip(quat[:, b], offset, strict=True)]
-        for shift, share in zip(config.shifts, config.shift_weights, strict=True):
-            pairs = range(len(xyz) - shift)
-            for t in pairs:
-                one, two = local[t], local[t + shift]
-                coordinate += weight * share * np.linalg.norm(one - two) / len(pairs)
-                length += weight * share * abs(np.linalg.norm(one) - np.linalg.norm(two)) / len(pairs)
-    return coordinate, length
-
-
-def speed_terms(stage):
-    """Mean speed, acceleration, angular speed and its change over uneven times."""
-    xyz, quat, times = window_of(stage)
-    found = np.zeros((4, xyz.shape[1]))
-    for node in range(xyz.shape[1]):
-        velocity = [(xyz[t + 1, node] - xyz[t, node]) / (times[t + 1] - times[t]) for t in range(len(times) - 1)]
-        dot = [abs(float(quat[t + 1, node] @ quat[t, node])) for t in range(len(times) - 1)]
-        spin = [2 * math.acos(min(d, 1.0)) / (times[t + 1] - times[t]) for t, d in enumerate(dot)]
-        middle = [(times[t + 2] - times[t]) / 2 for t in range(len(times) - 2)]
-        found[0, node] = np.mean([np.linalg.norm(v) for v in velocity])
-        found[1, node] = np.mean([np.linalg.norm(velocity[t + 1] - velocity[t]) / m for t, m in enumerate(middle)])
-        found[2, node] = np.mean(spin)
-        found[3, node] = np.mean([abs(spin[t + 1] - spin[t]) / m for t, m in enumerate(middle)])
-    return found.mean(1)
-
-
-MOTION = {
-    "arap_coordinate": lambda stage: arap_terms(stage)[0],
-    "arap_length": lambda stage: arap_terms(stage)[1],
-    "velocity": lambda stage: speed_terms(stage)[0],
-    "acceleration": lambda stage: speed_terms(stage)[1],
-    "rotation_velocity": lambda stage: speed_terms(stage)[2],
-    "rotation_acceleration": lambda stage: speed_terms(stage)[3],
-    "dw": lambda stage: np.abs(stage.model.dynamic.parameters["dw"].detach().double().numpy()).mean(),
-}
+def motion_terms(stage):
+    """Name -> the loss of the nodes' poses within the longest shift of FRAME, and of the offsets."""
+    config, model = stage.config, stage.model
+    chosen = [t for t in range(len(model.times)) if abs(t - FRAME) <= max(config.shifts)]
+    xyz, quat = (model.nodes.parameters[name].detach().double()[chosen] for name in ("node_xyz", "node_quat"))
+    quat, times = quaternion.normalize(quat), torch.as_tensor(model.times)[chosen]
+    edges = dataclasses.replace(model.nodes.edges, weight=model.nodes.edges.weight.double())
+    rigid = arap_losses(xyz, quat, edges, config.shifts, config.shift_weights)
+    offsets = model.dynamic.parameters["dw"].detach().double().abs().mean()
+    return dict(zip(MOTION, map(float, (*rigid, *smoothness_losses(xyz, quat, times), offsets)), strict=True))
 
 
 def camera_term(stage):
@@ -327,7 +278,7 @@ def test_roughness_is_its_formula_times_its_weight_and_its_period(scene, every, 
 def test_a_term_of_motion_is_its_formula_times_its_weight_and_its_period(scene, name, shifts, every):
     changes = {"motion_every": every, "shifts": shifts[0], "shift_weights": shifts[1]}
     added, stage = with_term(scene, name, 50.0, **changes)
-    assert added == pytest.approx(50 * every * MOTION[name](stage), rel=2e-4)
+    assert added == pytest.approx(50 * every * motion_terms(stage)[name], rel=2e-4)
 
 
 def test_offsets_cost_nothing_before_they_are_learnt(scene):

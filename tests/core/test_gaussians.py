@@ -10,8 +10,6 @@ import pytest
 import torch
 
 from f4x_core.gaussians import (
-    DensityConfig,
-    DensityControl,
     SetOptimiser,
     SpawnConfig,
     Spawned,
@@ -20,7 +18,7 @@ from f4x_core.gaussians import (
     spawn_static,
 )
 from f4x_core.gaussians.parameters import localise, opacity_logit
-from f4x_core.gaussians.spawn import DepthImage, Room, coarse_to_fine, cover, spawn_that_fits
+from f4x_core.gaussians.spawn import DepthImage, Room, cover, spawn_that_fits
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera
 from f4x_core.native.kernels import TORCH, Kernels
@@ -249,13 +247,6 @@ def some_dynamic(nodes, count=30):
     return spawned, spawn_dynamic(spawned, rng.integers(0, 5, count), scaffold, 0, SpawnConfig())
 
 
-def test_local_storage_gives_back_the_world_placement(nodes):
-    spawned, dynamic = some_dynamic(nodes)
-    x, q = dynamic.at_reference(*nodes)
-    assert np.allclose(x.detach().numpy(), spawned.means, atol=1e-5)
-    assert np.allclose(q.detach().abs()[:, 0].numpy(), 1, atol=1e-5)
-
-
 def test_a_gaussian_hangs_on_the_node_that_is_nearest_at_its_reference_frame(nodes):
     """Its place is R_node local + t_node there; `localise` is the way back."""
     spawned, dynamic = some_dynamic(nodes)
@@ -314,61 +305,10 @@ def test_appearance_turns_with_the_gaussian():
     assert torch.allclose(appearance(sh, moved, turned, quaternion.rotate(turn, centre)), expected, atol=1e-5)
 
 
-def test_coarse_to_fine_visits_every_frame_once():
-    for count in (1, 2, 3, 7, 24):
-        order = list(coarse_to_fine(count))
-        assert sorted(order) == list(range(count))
-        assert order[0] == 0
-
-
 def frame(depth_value=1.0):
     camera = Camera(np.array([[50.0, 0, 24], [0, 50, 16], [0, 0, 1]]), np.eye(4), 48, 32)
     image = np.random.default_rng(0).integers(0, 255, (32, 48, 3)).astype(np.uint8)
     return camera, image, np.full((32, 48), depth_value, np.float32)
-
-
-def test_what_is_covered_is_not_spawned_again():
-    camera, image, depth = frame()
-    config, rng = SpawnConfig(spacing=2), np.random.default_rng(0)
-    everywhere = np.ones(depth.shape, bool)
-    first = cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, rng)
-    assert len(first.means) == 24 * 16
-    again = cover(DepthImage(image, depth, everywhere, camera), first.means, config, rng)
-    assert len(again.means) == 0
-    behind = cover(DepthImage(image, depth * 2, everywhere, camera), first.means, config, rng)
-    assert len(behind.means) == 24 * 16, "a surface at another depth is not covered"
-
-
-def test_spawned_points_carry_their_pixels():
-    camera, image, depth = frame(0.8)
-    view = DepthImage(image, depth, np.ones(depth.shape, bool), camera)
-    spawned = cover(view, np.zeros((0, 3)), SpawnConfig(), np.random.default_rng(0))
-    pixels, z = camera.project(spawned.means.astype(np.float64))
-    column, row = np.floor(pixels).astype(int).T
-    assert np.allclose(z, 0.8, atol=1e-5)
-    assert np.allclose(spawned.rgb, image[row, column] / 255, atol=1e-6)
-
-
-def test_a_gaussian_is_as_large_as_its_cell_is_at_its_depth():
-    """Standard deviation: the fraction `scale` of a cell's side, which is spacing pixels of depth / focal length each."""
-    camera, image, depth = frame(0.8)
-    everywhere = np.ones(depth.shape, bool)
-    for spacing, scale in ((2.0, 0.5), (4.0, 0.3)):
-        config = SpawnConfig(spacing=spacing, scale=scale)
-        spawned = cover(
-            DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, np.random.default_rng(0)
-        )
-        np.testing.assert_allclose(spawned.radius, scale * spacing * 0.8 / 50.0, rtol=1e-6)
-        np.testing.assert_allclose(spawned.depth, 0.8, rtol=1e-6)
-
-
-@pytest.mark.parametrize(("nearer", "covered"), [(0.89, False), (0.91, True), (1.09, True), (1.11, False)])
-def test_a_cell_is_covered_within_the_tolerance_of_its_own_depth(nearer, covered):
-    camera, image, depth = frame(2.0)
-    everywhere, rng, config = np.ones(depth.shape, bool), np.random.default_rng(0), SpawnConfig(spacing=2)
-    pixels = np.stack(np.meshgrid(np.arange(1, 48, 2.0), np.arange(1, 32, 2.0)), -1).reshape(-1, 2)
-    existing = camera.unproject(pixels, np.full(len(pixels), 2.0 * nearer))
-    assert (len(cover(DepthImage(image, depth, everywhere, camera), existing, config, rng)) == 0) == covered
 
 
 @pytest.mark.parametrize(("nearer", "count"), [(1.25, 0), (1.2500001, 384)])
@@ -379,22 +319,6 @@ def test_the_tolerance_itself_is_still_within(nearer, count):
     existing = camera.unproject(pixels, np.full(len(pixels), 2.0 * nearer))
     config = SpawnConfig(spacing=2, depth_tolerance=0.25)
     assert len(cover(DepthImage(image, depth, everywhere, camera), existing, config, rng)) == count
-
-
-@pytest.mark.parametrize(("around", "covered"), [(3, False), (4, True)])
-def test_an_empty_cell_among_enough_gaussians_is_covered_by_their_extent(around, covered):
-    camera, image, depth = frame()
-    here = np.zeros(depth.shape, bool)
-    here[14:16, 22:24] = True  # one cell; those around it are there to be projected into, but ask for nothing
-    valid = here.copy()
-    valid[12:18, 20:26] = True
-    corners = np.array([[21.0, 13], [25, 13], [21, 17], [25, 17]])[:around]
-    existing = camera.unproject(corners, np.ones(around))
-    config = SpawnConfig(spacing=2)
-    spawned = cover(DepthImage(image, depth, valid, camera), existing, config, np.random.default_rng(0))
-    pixels = np.floor(camera.project(spawned.means.astype(np.float64))[0])
-    inside = ((pixels >= [22, 14]) & (pixels < [24, 16])).all(1)
-    assert inside.sum() == (not covered)
 
 
 @pytest.mark.parametrize(
@@ -409,32 +333,6 @@ def test_a_block_is_plain_where_grey_and_depth_deviate_less_than_their_limits(gr
     everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
     count = len(cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), SpawnConfig(spacing=2), rng))
     assert count == (24 if plain else 384)
-
-
-def test_plain_cells_share_one_gaussian_and_detailed_ones_do_not():
-    camera, image, depth = frame()
-    image[:, :24] = 120  # a wall
-    everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
-    config = SpawnConfig(spacing=2)
-    spawned = cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, rng)
-    plain = camera.project(spawned.means.astype(np.float64))[0][:, 0] < 24
-    assert plain.sum() == 24 * 32 / 8**2, "blocks of 4 x 4 cells"
-    assert (~plain).sum() == 24 * 32 / 2**2
-    assert np.allclose(spawned.radius[plain], 4 * spawned.radius[~plain][0])
-    assert len(cover(DepthImage(image, depth, everywhere, camera), spawned.means, config, rng).means) == 0
-    depth[:, :24] = np.linspace(1, 2, 24)
-    steep = cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, rng)
-    assert len(steep.means) == 24 * 16, "a wall that leads away is not one Gaussian"
-
-
-def test_unsure_depth_is_covered_by_what_lies_a_little_off():
-    camera, image, depth = frame()
-    everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
-    config = SpawnConfig(spacing=2)
-    first = cover(DepthImage(image, depth, everywhere, camera), np.zeros((0, 3)), config, rng)
-    loose = np.where(np.arange(48) < 24, 0.5, 0.1)[None].repeat(32, 0)
-    again = cover(DepthImage(image, 1.3 * depth, everywhere, camera, loose), first.means, config, rng)
-    assert camera.project(again.means.astype(np.float64))[0][:, 0].min() > 24 and len(again.means) == 12 * 16
 
 
 def test_what_has_no_room_is_covered_more_thinly_everywhere():
@@ -467,44 +365,3 @@ def test_cells_grow_until_what_is_made_fits():
     assert len(start.made) == len(spawn(start.config)) <= 6000 and start.room == Room(9000, 6000)
     start = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=9000))
     assert start.config.spacing == 1 and len(start.made) == 9000 and not start.room.short
-
-
-def test_near_and_far_move_equally_far_in_the_picture():
-    gaussians = some_static(40)
-    gaussians.labels["reach"] = torch.where(torch.arange(40) < 20, 0.2, 5.0)
-    before = gaussians.parameters["means"].detach().clone()
-    optimiser = SetOptimiser(gaussians, rates(gaussians))
-    gaussians.parameters["means"].sum().backward()
-    optimiser.step()
-    moved = (gaussians.parameters["means"].detach() - before).abs()
-    torch.testing.assert_close(moved[:20], torch.full((20, 3), 0.002), rtol=1e-3, atol=1e-6)
-    torch.testing.assert_close(moved[20:], torch.full((20, 3), 0.05), rtol=1e-3, atol=1e-6)
-
-
-def test_density_control_halves_prunes_and_keeps_within_its_limit():
-    gaussians = some_static(100)
-    with torch.no_grad():
-        gaussians.parameters["opacity_logits"][:10] = -8  # faint
-        gaussians.parameters["log_scales"][50:] = np.log(0.1)  # large
-    optimiser = SetOptimiser(gaussians, rates(gaussians))
-    descend(optimiser)
-    config = DensityConfig(every=1, start=0, stop=1, gradient=1e-3, growth=1.0, max_count=130, min_count=1)
-    control = DensityControl(optimiser, config, total_steps=10)
-    control.record(torch.full((100, 2), 1.0), torch.ones(100, dtype=torch.bool), 10, 10)
-    next_id = control.densify_and_prune(100)
-    assert next_id > 100
-    ids = gaussians.labels["ids"]
-    assert len(ids.unique()) == len(ids) <= 130
-    assert not set(range(10)) & set(ids.tolist()), "faint Gaussians are gone"
-    sizes = {name: len(tensor) for name, tensor in gaussians.parameters.items()}
-    assert set(sizes.values()) == {len(ids)}
-    assert len(control.seen) == len(ids)
-    descend(optimiser)
-
-
-def test_nothing_changes_outside_the_active_window():
-    gaussians = some_static()
-    control = DensityControl(
-        SetOptimiser(gaussians, rates(gaussians)), DensityConfig(every=1, start=0.5, stop=0.6), total_steps=100
-    )
-    assert control.steps == frozenset(range(50, 60))

@@ -8,13 +8,10 @@ from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig
 from f4x_core.priors.contact import smooth_object_depth
 from f4x_core.priors.depth import (
-    epipolar_direction,
-    fill_inverse_depth,
     ground_prior,
     inverse_depth_from_flow,
     provide,
 )
-from f4x_core.priors.flow import texture_along
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT = 96, 64
@@ -69,28 +66,6 @@ def test_inverse_depth_from_flow_is_exact_and_robust():
     assert np.median(abs(spoilt / inverse - 1)) < 0.05
     _, narrow = inverse_depth_from_flow(path, 0, pixels, targets[:1])
     assert (narrow < precision).all()
-
-
-def test_filling_keeps_precise_samples_and_spans_holes():
-    true = slanted_ground()
-    rng = np.random.default_rng(0)
-    known = rng.random(true.shape) < 0.2
-    known[20:40, 30:60] = False
-    samples = np.where(known, true + 0.01 * rng.standard_normal(true.shape), 0)
-    filled = fill_inverse_depth(samples, known * 1e4, np.full(true.shape, 128.0))
-    assert np.isfinite(filled).all()
-    assert np.abs(filled - true).mean() < 0.02
-    assert np.abs(filled - true)[20:40, 30:60].max() < 0.1
-
-
-def test_filling_stops_at_picture_edges():
-    true = np.where(np.arange(WIDTH) < WIDTH // 2, 0.5, 2.0) * np.ones((HEIGHT, 1))
-    guide = np.where(true > 1, 220.0, 30.0)
-    known = np.zeros(true.shape, bool)
-    known[:, [8, WIDTH - 8]] = True
-    filled = fill_inverse_depth(true * known, known * 1e4, guide, iterations=300)
-    assert abs(filled[:, WIDTH // 2 - 3].mean() - 0.5) < 0.15
-    assert abs(filled[:, WIDTH // 2 + 3].mean() - 2.0) < 0.15
 
 
 def test_static_ground_is_measured_with_median_one():
@@ -153,49 +128,7 @@ def test_ground_prior_is_one_world_for_a_turning_camera():
     assert z == pytest.approx(depth[1, int(there[1]), int(there[0])], rel=0.02)
 
 
-def test_object_depth_follows_size_and_forgives_a_wrong_contact():
-    growth = np.full(19, np.log(1.1))
-    true = 0.5 * 1.1 ** np.arange(20)
-    contact = true.copy()
-    contact[4] *= 3
-    found, certain = smooth_object_depth(contact, np.ones(20), growth)
-    np.testing.assert_allclose(found, true, rtol=0.05)
-    assert ((certain > 0) & (certain <= 1)).all()
-    alone, _ = smooth_object_depth(np.array([0.7]), np.ones(1), np.zeros(0))
-    np.testing.assert_allclose(alone, 0.7)
-
-
 def test_what_hovers_is_not_put_on_the_ground_behind_it():
     contact = np.where(np.arange(12) % 6 == 0, 0.5, 0.35)  # it lands twice, and is seen before farther ground else
     found, _ = smooth_object_depth(contact, np.ones(12), np.zeros(11))
     np.testing.assert_allclose(found, 0.5, rtol=0.1)
-
-
-def test_depth_is_not_measured_along_a_line():
-    """Lines on a road along which the camera moves are sharp, but their flow along themselves is a guess."""
-    rows, columns = np.mgrid[0:60, 0:80]
-    across = (127 + 100 * np.sin(rows / 2)).astype(np.uint8)  # lines that run from left to right
-    both = (127 + 60 * np.sin(rows / 2) + 60 * np.sin(columns / 2)).astype(np.uint8)
-    sideways, up = np.zeros((30, 40, 2)), np.zeros((30, 40, 2))
-    sideways[..., 0], up[..., 1] = 3.0, 0.01
-    assert texture_along(across, sideways).max() < 0.01
-    assert np.median(texture_along(across, up)) > 0.9
-    assert np.median(texture_along(both, sideways)) > 0.9
-    assert (texture_along(both, np.zeros((30, 40, 2))) == 0).all()  # no parallax at all
-    slanted = texture_along(across, sideways + 300 * up)
-    plain = texture_along(across, up)
-    assert (slanted < plain + 1e-6).all()
-
-
-def test_the_epipolar_direction_points_to_the_other_camera():
-    path = sideways(3, 0.01)
-    path.world_to_camera[2, :3, 3] = [-0.1, 0.02, -0.3]  # the farthest one, ahead
-    epipole = INTRINSICS[:2, 2] + 80 * np.array([0.1, -0.02]) / 0.3
-    pixels = np.array([[10.0, 20.0], [40.0, 30.0], [70.0, 55.0]])
-    for pixel, found in zip(pixels, epipolar_direction(path, 0, pixels, [1, 2]), strict=True):
-        onward = epipole - pixel
-        assert (
-            abs(found[0] * onward[1] - found[1] * onward[0])
-            < 1e-9 * np.linalg.norm(found) * np.linalg.norm(onward) + 1e-12
-        )
-    assert (epipolar_direction(path, 0, pixels, []) == 0).all()

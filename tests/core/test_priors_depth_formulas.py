@@ -90,6 +90,7 @@ def test_the_epipolar_direction_is_where_a_shift_of_the_camera_moves_a_pixel():
         ray = np.array([(pixel[0] - cx) / fx, (pixel[1] - cy) / fy, 1])
         sides = [(ray + h * step)[:2] / (ray + h * step)[2] for h in (1e-6, -1e-6)]
         np.testing.assert_allclose(one, (sides[0] - sides[1]) / 2e-6, rtol=1e-6)
+    assert not module.epipolar_direction(cameras, 2, pixels, []).any()
 
 
 def dense_roughness(guide, smooth, flat):

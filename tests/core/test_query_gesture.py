@@ -10,7 +10,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import Camera
 from f4x_core.geometry.splats import Splats
 from f4x_core.geometry.trajectory import aside
-from f4x_core.query.blend_weights import seen_sums
+from f4x_core.query.blend_weights import Look, seen_sums
 from f4x_core.query.gesture import View, select_by_gesture, select_by_sphere, select_thing
 from f4x_core.query.shapes import Polygon, Rectangle, Stroke
 from f4x_core.raster.blend_weights import alpha_sums, blend_weight_sums
@@ -193,11 +193,12 @@ def test_who_shows_and_how_much_of_it_lies_in_each_layer():
     config = fitted_config([], camera)
     columns = np.mgrid[:80, :96][1]
     layers = np.stack([columns < 48, columns < 30, columns >= 0], -1).astype(np.float32)
-    sums, seen = seen_sums(splats, camera, layers, config, 0.3)
+    look = Look(splats, camera, config)
+    sums, seen = seen_sums(look, layers, 0.3)
     assert sums.shape == (count, 3) and seen.tolist() == [True, False, True, True, True, False]
     np.testing.assert_allclose(sums, blend_weight_sums(splats, camera, layers, config=config), rtol=1e-3, atol=1e-3)
-    assert not seen_sums(splats, camera, layers, config, 0.8)[1][3]  # 60 % of it passes
-    assert seen_sums(splats, camera, layers[..., :0], config, 0.3)[0].shape == (count, 0)
+    assert not seen_sums(look, layers, 0.8)[1][3]  # 60 % of it passes
+    assert seen_sums(look, layers[..., :0], 0.3)[0].shape == (count, 0)
 
 
 def test_what_is_no_gesture_is_refused():

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from labelled_scene import labelled_scene, square_mask
-from random_scene import random_scene
 
 from f4x_core.features.models.prompt import Prompt, check_prompt
 from f4x_core.query import objects
@@ -46,28 +45,6 @@ def chain(weights, strengths, **fields):
     rows = np.arange(count)
     given = {"blend": np.zeros(count), "near": (bonds > 0) * 1.0, "cast": np.zeros(count, bool)} | fields
     return Superpoints(rows, rows, np.asarray(weights, float), bonds, **given)
-
-
-def test_a_scene_is_seen_by_direction_and_logarithm_of_distance():
-    scene = random_scene(1)
-    found = objects._sights(scene, GRAPH)
-    camera = scene.cameras[3]
-    for row, mean in enumerate(scene.posed(float(scene.cameras.times[3])).means):
-        away = mean - np.linalg.inv(camera.world_to_camera)[:3, 3]
-        far = np.sqrt((away**2).sum())
-        np.testing.assert_allclose(found[row], [*(8 * away / far), 1.5 * np.log(far)], rtol=1e-5)
-
-
-def test_only_the_sixteen_main_directions_of_features_are_kept(monkeypatch):
-    scene = labelled_scene()
-    wide = RNG.normal(size=(len(scene.ids), 24)) * np.linspace(0.1, 2, 24)
-    monkeypatch.setattr(type(scene.features), "decode", lambda self, name, latents: wide)
-    found = objects._appearance(scene, GRAPH)[:, :-3]
-    unit = wide - wide.mean(0)
-    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    strength = np.sort(np.linalg.eigvalsh(unit.T @ unit))[-16:]
-    assert found.shape[1] == 16
-    np.testing.assert_allclose(np.sort((found**2).sum(0)), strength, rtol=1e-4)
 
 
 def always(places):
@@ -138,17 +115,6 @@ def test_a_superpoint_is_where_those_are_who_are_there():
     np.testing.assert_array_equal(found.presence, [[1, 1], [0, 1]])
 
 
-def test_cuts_are_the_bonds_that_leave_a_set():
-    bonds = RNG.random((6, 6)) * (RNG.random((6, 6)) > 0.3)
-    bonds = np.triu(bonds, 1) + np.triu(bonds, 1).T
-    out, order = RNG.random(6), RNG.permutation(6)
-    cut, volume = objects._cuts(bonds, out, order)
-    for size in range(1, 7):
-        inside = np.isin(np.arange(6), order[:size])
-        assert cut[size - 1] == pytest.approx(bonds[inside][:, ~inside].sum() + out[inside].sum())
-        assert volume[size - 1] == pytest.approx(bonds[inside].sum() + out[inside].sum())
-
-
 @pytest.mark.parametrize("contrast", [0.0, 0.3, 0.9])
 def test_the_weakest_outline_weighs_conductance_and_contrast_and_of_weak_ones_the_smallest_is_meant(contrast):
     for _ in range(20):
@@ -195,13 +161,6 @@ def test_a_thing_is_neither_too_small_nor_too_large():
     assert taken(sizes=(0.0, 0.01)) == 1  # one superpoint may be larger than the limit
 
 
-def test_a_thing_holds_enough_of_what_is_marked():
-    superpoints = chain(np.ones(4), [1, 0.01, 1], blend=TWO_BLEND)
-    marked, against = np.array([5.0, 4.0, 1.0, 0.0]), np.zeros(4, bool)
-    assert superpoints.grow(marked, against, filled=0.9).sum() == 2
-    assert superpoints.grow(marked, against, filled=0.91).sum() > 2
-
-
 def test_what_is_cast_is_no_part_of_a_thing_and_a_thing_no_part_of_it():
     """A thing of two superpoints in a row with its shadow of two."""
     row = chain(np.ones(4), [1, 1, 1], blend=np.array([0.0, 0.0, 2.0, 2.0]), cast=np.array([False, False, True, True]))
@@ -226,15 +185,6 @@ def test_cast_is_what_differs_little_and_the_unsure_are_like_their_neighbours():
     assert objects._cast(pair, np.array([3.0, 1.0]), strong, GRAPH).tolist() == [True, True]
 
 
-def test_doubt_counts_like_blending_in():
-    doubt = np.array([0.0, 0.1, 0.8, 0.9])
-    marked, against = np.eye(4)[0], np.zeros(4, bool)
-    plain = chain(np.ones(4), [0.5] * 3).grow(marked, against, doubt)
-    blended = chain(np.ones(4), [0.5] * 3, blend=GRAPH.blending * doubt).grow(marked, against)
-    np.testing.assert_array_equal(plain, blended)
-    np.testing.assert_array_equal(plain, [True, True, False, False])
-
-
 def test_sums_and_means_over_superpoints():
     superpoints = Superpoints(
         np.array([4, 1, 2]), np.array([0, 1, 1]), np.ones(2), *np.zeros((2, 2, 2)), *np.zeros((2, 2))
@@ -244,17 +194,6 @@ def test_sums_and_means_over_superpoints():
     np.testing.assert_array_equal(superpoints.spread(np.array([5.0, 7.0]), 6), [0, 7, 7, 0, 5, 0])
     np.testing.assert_allclose(superpoints.means(np.array([0, 1.0, 2.0, 0, 6.0]), weights), [6, 7 / 4])
     assert superpoints.means(weights, np.zeros(5)).tolist() == [0, 0]
-
-
-def test_standing_things_look_by_colour_first(monkeypatch):
-    scene = labelled_scene()
-    seen = []
-    monkeypatch.setattr(objects, "_group", lambda *given, group=objects._group: seen.append(given) or group(*given))
-    objects.superpoints_of(scene)
-    looks = objects._appearance(scene, GRAPH)[~scene.moving]
-    np.testing.assert_allclose(seen[1][1][:, :-3], 0.12 * looks[:, :-3], atol=1e-7)
-    np.testing.assert_array_equal(seen[1][1][:, -3:], looks[:, -3:])
-    np.testing.assert_array_equal([given[3] for given in seen], [1000, 2000])
 
 
 def test_signs_are_blend_weights_under_the_marks():
@@ -338,13 +277,6 @@ def weights(**given):
     return values
 
 
-def test_a_fifth_of_a_point_means_what_moves(pointing):
-    assert pointing([POINT], starts=[weights(r0=8.0, r4=2.0)]) == [4, 5]
-    assert pointing([POINT], starts=[weights(r0=8.1, r4=2.0)]) == [0, 1]
-    assert pointing([POINT], starts=[weights()]) is None
-    assert pointing([POINT], starts=[weights(r0=1.0), weights(r3=1.0)]) == [0, 1, 2, 3]
-
-
 @pytest.mark.parametrize(
     ("near", "rest", "first", "both"),
     [(4, 6, 0.91, 0.89), (0, 2, 0.71, 0.69)],
@@ -357,24 +289,6 @@ def test_a_thing_fills_its_box(pointing, near, rest, first, both):
         found = pointing([BOX], starts=[start], inside=start)
         assert found == expected or (fraction == both and set(pair) < set(found))
         assert pointing([POINT], starts=[start]) == pair
-
-
-def test_what_lies_more_outside_a_box_is_none_of_it(pointing):
-    """Without the second of a pair the first hangs on the others."""
-    start = weights(r4=1.0, r5=1.0)
-    assert pointing([BOX], starts=[start], inside=start, outside=weights(r5=1.0)) == [4, 5]
-    assert pointing([BOX], starts=[start], inside=start, outside=weights(r5=1.1)) == [4, 6, 7]
-
-
-def test_what_is_marked_as_not_meant_is_left_out(pointing):
-    start, seen = weights(r4=1.0), np.full(8, 100.0)
-    marks = [POINT, Point(0, False, (5, 5))]
-    assert pointing(marks, starts=[start], seen=seen, beside=[weights(r5=0.29, r7=1.0)]) == [4, 5]
-    assert pointing(marks, starts=[start], seen=seen, beside=[weights(r5=0.31, r7=1.0)]) == [4]
-    # a mark that covers most of a superpoint counts, however much it covers of another
-    covered = weights(r5=1.0, r7=10.0)
-    assert pointing(marks, starts=[start], seen=seen - weights(r5=98.1), beside=[covered]) == [4]
-    assert pointing(marks, starts=[start], seen=seen - weights(r5=97.9), beside=[covered]) == [4, 5]
 
 
 def test_what_an_exact_mark_covers_is_held_but_for_what_is_against(pointing):

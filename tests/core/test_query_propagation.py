@@ -14,7 +14,6 @@ from f4x_core.query.segmentation import (
     PropagationConfig,
     blur,
     connected_regions,
-    enlarge,
     kinds_of,
     shrink,
     windows,
@@ -154,23 +153,6 @@ def test_windows_of_a_frame_are_made_once_for_each_move():
         np.testing.assert_array_equal(votes, windows(segmentation.shifted(fraction, move)[..., None], 2)[..., 0])
 
 
-@pytest.mark.parametrize("reach", [0, 1, 3, 9])
-def test_windows_by_loops(reach):
-    values = np.random.default_rng(1).random((*GRID, 3)).astype(np.float32)
-    found, side = windows(values, reach), BLOCK + 2 * reach
-    assert found.shape == (2 * 3, side**2, 3)
-    for block, cell in np.ndindex(found.shape[:2]):
-        y, x = block // 3 * BLOCK - reach + cell // side, block % 3 * BLOCK - reach + cell % side
-        expected = values[y, x] if 0 <= y < GRID[0] and 0 <= x < GRID[1] else np.zeros(3)
-        np.testing.assert_array_equal(found[block, cell], expected)
-
-
-def test_the_centre_of_a_mask():
-    fraction = 0.001 * np.random.default_rng(2).random(GRID)
-    np.testing.assert_allclose(segmentation._centre(fraction), centre(fraction))
-    np.testing.assert_array_equal(segmentation._centre(np.zeros(GRID)), 0)
-
-
 @pytest.mark.parametrize("grid", [(4, 5), (5, 7), (12, 15), (1, 2)])
 def test_shrinking_is_the_mean_over_cells(grid):
     values = np.random.default_rng(3).random((12, 15, 2)).astype(np.float32)
@@ -178,13 +160,6 @@ def test_shrinking_is_the_mean_over_cells(grid):
     expected = fine.reshape(grid[0], 12, grid[1], 15, 2).mean((1, 3))
     np.testing.assert_allclose(shrink(values, grid), expected, atol=1e-5)
     np.testing.assert_allclose(shrink(values[..., 0], grid), expected[..., 0], atol=1e-5)
-
-
-@pytest.mark.parametrize("size", [(9, 13), (3, 4), (4, 5), (1, 2)])
-def test_enlarging_by_loops(size):
-    values = np.random.default_rng(4).random((4, 5)).astype(np.float32)
-    np.testing.assert_allclose(enlarge(values, size), bilinear(values, size), atol=1e-6)
-    np.testing.assert_allclose(enlarge(values[:1, :1], size), np.full(size, values[0, 0]), rtol=1e-6)
 
 
 def blur_by_loops(cells):

@@ -360,16 +360,6 @@ def test_another_head_tells_nothing_of_looks():
     np.testing.assert_allclose(objects._appearance(scene, GRAPH), 0.7 * np.clip(scene.colours, 0, 1), atol=1e-6)
 
 
-@pytest.mark.parametrize(("rows", "count"), [(30, 6), (30, 30), (5, 9), (1, 4)])
-def test_groups_are_those_of_k_means(rows, count):
-    random = np.random.default_rng(rows + count)
-    parts = random.normal(size=(rows, 4)), random.normal(size=(rows, 5)), random.random(rows)
-    found, expected = objects._group(*parts, count, GRAPH), group_by_loops(*parts, count)
-    np.testing.assert_array_equal(found[0], expected[0])
-    for one, other in zip(found[1:], expected[1:], strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)
-
-
 def test_no_rows_make_no_groups():
     index, weight, place, looks = objects._group(np.zeros((0, 3)), np.zeros((0, 8)), np.zeros(0), 4, GRAPH)
     assert (index.shape, weight.shape, place.shape, looks.shape) == ((0,), (0,), (0, 3), (0, 8))
@@ -581,14 +571,3 @@ def test_what_is_beside_and_what_is_outside_take_superpoints_out(monkeypatch):
     assert pointed.asked(box(0), *[point(1)] * 4) == [2, 4, 5]
     pointed = Pointed(monkeypatch, {0: [EVERYWHERE, NOWHERE, *on, NOWHERE]})
     assert pointed.asked(*four, box(0)) is None  # nothing is left
-
-
-def test_what_lies_mostly_under_a_stroke_is_held(monkeypatch):
-    stroke = Brush(0, True, [[3, 3], [5, 5]])
-    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 2.01, 0]]})
-    assert pointed.asked(stroke) == [2, 3, 4]
-    piece = np.array([0, 0, 1, 2])
-    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 2.01]]}, piece)
-    assert pointed.asked(stroke) == [2, 3, 5]
-    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 1.99]]}, piece)
-    assert pointed.asked(stroke) == [2, 3]

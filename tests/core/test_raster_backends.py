@@ -1,6 +1,5 @@
 """Every raster backend against the float64 reference, and the reference against the rule written as a scalar loop."""
 
-import subprocess
 import sys
 import types
 from functools import cache
@@ -197,15 +196,6 @@ def test_camera_gradient_by_finite_differences(fast):
     assert (gradients["viewmat"].double() * direction).sum() == pytest.approx(float(slope), rel=0.02)
 
 
-def test_opacity_zero_is_the_background(backend):
-    scene = make_scene()
-    scene["opacities"] = torch.zeros_like(scene["opacities"])
-    out, gradients = differentiate(scene, backend)
-    assert torch.equal(out.channels, scene["background"].to(out.channels).expand_as(out.channels))
-    assert not out.alpha.any() and not out.depth.any() and not out.visible.any()
-    assert all(gradients[name].isfinite().all() for name in gradients)
-
-
 def test_order_of_the_input_does_not_matter(backend):
     scene = make_scene()
     order = torch.randperm(120, generator=torch.Generator().manual_seed(1))
@@ -224,13 +214,6 @@ def test_many_channels_are_repeated_three_channel_passes(backend):
         torch.testing.assert_close(single.channels, whole.channels[..., part], rtol=1e-6, atol=1e-6)
 
 
-def test_equal_depths_keep_the_order_of_the_input(backend):
-    colors = torch.eye(12)
-    scene = many_splats([[0.0, 0.0, 2.0]] * 12, [[0.2] * 3] * 12, [0.5] * 12, colors.tolist())
-    weights = render(scene, backend).channels[HEIGHT // 2, WIDTH // 2]
-    assert (weights[1:] < weights[:-1]).all()  # the first one lies in front
-
-
 def test_near_plane_and_behind_the_camera(fast):
     scene = make_scene()
     scene["means"][:40, 2] = torch.linspace(-1.0, 0.3, 40)
@@ -240,27 +223,11 @@ def test_near_plane_and_behind_the_camera(fast):
     assert not render(one_splat((0, 0, -2.0)), fast[0]).alpha.any()
 
 
-@pytest.mark.parametrize("stretch", [(40.0, 0.01, 0.01), (8.0, 8.0, 1e-4), (1e-6, 1e-6, 1e-6)])
-def test_needles_pancakes_and_dust(fast, stretch):
-    scene = make_scene()
-    scene["scales"] = scene["scales"] * torch.tensor(stretch)
-    # Covariances of needles have condition numbers of 1e5: even the float64 reference keeps only 8 digits of gradient.
-    assert_agrees(scene, fast, looser=100.0 if stretch[0] == 40 else 1.0)
-
-
 def test_padding_of_the_tile_lists_is_empty(fast):
     """The first splat stands in for the padding of every list; far from its tile its polynomial grows beyond 1."""
     scene = many_splats([[-1.9, -1.3, 2.0], [2.7, 1.9, 3.0]], [[2e-3, 0.02, 0.01]] * 2, [0.9] * 2, [[1.0], [0.5]])
     scene["quats"] = torch.tensor([[0.9, 0.3, -0.2, 0.4], [0.5, -0.1, 0.7, 0.2]])
     assert_agrees(scene, fast)
-
-
-def test_splats_much_larger_than_the_image(fast):
-    scene = make_scene(30)
-    scene["scales"] = scene["scales"] * 100
-    scene["opacities"] = scene["opacities"] * 0.2
-    out, _ = assert_agrees(scene, fast)
-    assert out.alpha.min() > 0.1
 
 
 def test_outside_the_frustum_the_linearisation_is_clamped(fast):
@@ -398,21 +365,6 @@ def test_light_by_numpy_alone_is_the_same():
     assert light.max() > 1
 
 
-def test_light_needs_no_torch_where_the_native_kernel_is():
-    require("native")
-    code = """
-import sys, numpy as np
-from f4x_core.raster.blend_weights import blend_weight_sums
-from f4x_core.geometry.camera import Camera
-from f4x_core.geometry.splats import Splats
-eye = np.eye(4)
-splats = Splats(*map(np.array, ([[0, 0, 2.0]], eye[:1], [[0.1] * 3], [0.5])))
-light = blend_weight_sums(splats, Camera(eye[:3, :3] * 9, eye, 9, 9), np.ones((9, 9, 1)))
-assert light.shape == (1, 1) and light[0, 0] > 0 and "torch" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -482,11 +434,6 @@ def test_gsplat_on_a_device(detached_from):
     assert (out.channels.cpu().double() - truth[0].channels).abs().max() < 1e-4
     for name, expected in truth[1].items():
         assert (gradients[name].cpu().double() - expected).norm() <= 1e-3 * expected.norm(), name
-
-
-def test_importing_the_room_needs_no_torch():
-    code = "import sys, f4x_core.raster; assert 'torch' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_benchmark_reports_every_backend():

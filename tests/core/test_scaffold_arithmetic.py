@@ -15,7 +15,7 @@ from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.groups import MAX_GROUPS, rigid_groups
 from f4x_core.scaffold.lifting import LiftedTracks, fill_gaps
 from f4x_core.scaffold.losses import smoothness_losses
-from f4x_core.scaffold.optimise import GeometryConfig, _decay, optimise_geometry
+from f4x_core.scaffold.optimise import GeometryConfig, optimise_geometry
 from f4x_core.scaffold.rotation import initial_rotations
 from f4x_core.scaffold.selection import SelectionConfig, automatic_unit, choose_nodes, track_noise
 from f4x_core.windows.joining import join_scaffolds
@@ -57,12 +57,6 @@ def test_turns_about_every_axis_count_as_turns():
         turns = quaternion.from_rotation_vector(np.outer(0.1 * np.arange(4.0), axis))[:, None]
         spin = smoothness_losses(torch.zeros(4, 1, 3, dtype=torch.float64), torch.tensor(turns)).angular_velocity
         np.testing.assert_allclose(spin, 0.1, rtol=1e-9)
-
-
-def test_learning_rate_falls_along_half_a_cosine():
-    config = GeometryConfig(decay_start=0.5, decay_to=0.2)
-    rates = [_decay(fraction, config) for fraction in (0.0, 0.5, 0.75, 1.0)]
-    np.testing.assert_allclose(rates, [1, 1, 0.6, 0.2])
 
 
 def test_two_nodes_are_enough_to_be_optimised(one_thread):

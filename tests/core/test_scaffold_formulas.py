@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.scaffold import Scaffold
-from f4x_core.scaffold.control import densify_nodes, largest_weights, prune_nodes, resample_in_time
+from f4x_core.scaffold.control import densify_nodes, largest_weights, prune_nodes
 from f4x_core.scaffold.distance import curve_distance
 from f4x_core.scaffold.graph import GraphConfig, build_graph, multilevel_edges
 from f4x_core.scaffold.lifting import LiftingConfig, _outliers, _shaking, complete_curves, lift_tracks
@@ -192,14 +193,8 @@ def test_nodes_that_weigh_too_little_go_unless_gaussians_hang_on_them():
     np.testing.assert_array_equal(made.radius, old.radius[[0, 2, 3, 4]])
     weights = np.array([[0.2, 0.7], [0.6, 0.1]])
     assert largest_weights(np.array([[0, 2], [2, 0]]), weights, 4).tolist() == [0.2, 0, 0.7, 0]
-
-
-def test_between_knots_a_place_is_certain_where_all_that_shape_it_are():
-    old = row_of_nodes([0.0, 1.0], frames=6)
-    old.certain[3, 1] = False
-    made = resample_in_time(old, np.array([0.0, 0.5, 1.5, 3.0, 4.0, 4.5]))
-    assert made.times.tolist() == [0.0, 0.5, 1.5, 3.0, 4.0, 4.5]
-    assert made.certain[:, 0].all() and made.certain[:, 1].tolist() == [True, True, False, False, True, False]
+    with pytest.raises(F4xError, match="one weight per node"):
+        prune_nodes(old, np.zeros(3), np.array([3]))
 
 
 # ---- windows are joined ------------------------------------------------------------------------------------------------

@@ -26,7 +26,6 @@ from f4x_core.windows.joining import continue_nodes, join_scaffolds
 
 WIDTH, HEIGHT = 32, 20
 WINDOWS = ((0, 10), (6, 16))
-RNG = np.random.default_rng(0)
 
 
 def body(times: np.ndarray, places: np.ndarray, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

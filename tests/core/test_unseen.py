@@ -12,7 +12,7 @@ from f4x_core.edit.resolve import EditorState, resolve
 from f4x_core.edit.selects import Ids
 from f4x_core.edit.stack import EditStack, with_stack
 from f4x_core.geometry.arrays import evenly_spaced
-from f4x_core.query.blend_weights import seen_sums
+from f4x_core.query.blend_weights import Look, seen_sums
 from f4x_core.query.unseen import COLUMNS, LEAST, VIEWS, unseen_gaussians
 from f4x_core.scene import MADE_UP, StaticSet
 from f4x_core.scene.stage import Cloud, Surface, draw, fitted_config
@@ -65,7 +65,7 @@ def test_it_is_what_numpy_alone_finds_view_by_view(scene):
         camera = scene.cameras[frame].resized(COLUMNS, rows)
         config = fitted_config([Cloud.of_scene(scene, float(frame))], camera)
         nothing = np.zeros((rows, COLUMNS, 0), np.float32)
-        seen |= seen_sums(scene.posed(float(frame)), camera, nothing, config, LEAST, backend="plain")[1]
+        seen |= seen_sums(Look(scene.posed(float(frame)), camera, config, "plain"), nothing, LEAST)[1]
     np.testing.assert_array_equal(unseen_gaussians(scene), ~seen)
 
 
