@@ -575,7 +575,7 @@ def _solve_everything(job: _CameraProblem, found: Solution, kind: str) -> tuple[
 def _first_solution(job: _CameraProblem) -> tuple[Solution, str]:
     """Return a solution of some frames, its depth not mirrored, and its kind."""
     turning = solve_rotations(job.tracks, job.visible, job.static, job.focal, job.principal, 4 * SAMPLED_POINTS)
-    sample, search = _search(job, turning, translating=False)
+    sample, search = _search(job, turning)
     errors = sample.bundle.errors(sample.observations)
     parallax = float(np.percentile(errors, 90)) if len(errors) else 0.0
     job.statistics.update({"parallax_px": _json(parallax), "pan_focal_search": search})
@@ -704,11 +704,11 @@ def _translates(job: _CameraProblem, moved: Solution) -> bool:
     return real
 
 
-def _search(job: _CameraProblem, start: Solution, translating: bool = True) -> tuple[Solution, dict[str, list[float]]]:
+def _search(job: _CameraProblem, turning: Solution) -> tuple[Solution, dict[str, list[float]]]:
     """Return `search_focal` among lenses of films, or with the one that is known."""
     width, side = job.priors.width, max(job.priors.width, job.priors.height)
     candidates = [focal * side / width for focal in FOCALS] if job.lens.refine_focal else [job.focal / width]
-    return search_focal(start, width, candidates, translating, DEFAULT_FOCAL * side / width)
+    return search_focal(turning, width, candidates, DEFAULT_FOCAL * side / width)
 
 
 def _moving(job: _CameraProblem, turning: Solution) -> tuple[Solution | None, str]:

@@ -298,21 +298,20 @@ def search_focal(
     solution: Solution,
     width: int,
     candidates: Sequence[float],
-    translating: bool = True,
     expected: float = DEFAULT_FOCAL,
 ) -> tuple[Solution, dict[str, list[float]]]:
-    """Return a sample of the solution adjusted at the focal length its observations prefer, and the curve of errors.
+    """Return a sample of a turning camera adjusted at the focal length its observations prefer, and the curve of errors.
 
-    `candidates` and `expected` are in picture widths. For each the cameras and points of the sample are adjusted with the focal
-    length held; `FOCAL_PRIOR` decides where the curve is flat (little parallax, little rotation).
+    `candidates` and `expected` are in picture widths. For each the turns and directions of the sample are adjusted with the focal
+    length held; `FOCAL_PRIOR` decides where the curve is flat (little rotation).
     """
     sample, _ = subset(solution, 400, 24)
     if not len(sample.observations.frame):
         return sample, {}
-    settings = BundleConfig(iterations=8, refine_focal=False, refine_centers=translating)
+    settings = BundleConfig(iterations=8, refine_focal=False, refine_centers=False)
 
     def held(factor: float) -> Solution:
-        start = refocused(sample, factor * width, translating)
+        start = refocused(sample, factor * width, translating=False)
         return replace(start, bundle=adjust(start.bundle, start.observations, settings))
 
     found = in_threads(held, candidates)

@@ -211,7 +211,7 @@ def prior_by_hand(problem, config):
         cost += module.PATH_PRIOR * np.mean(np.linalg.norm(problem.center, axis=1) ** 2)
     if config.refine_focal and config.expected_focal:
         away = np.log(problem.focal / config.expected_focal) / module.FOCAL_SPREAD
-        cost += module.FOCAL_PRIOR * np.log(1 + away**2)
+        cost += config.focal_prior * np.log(1 + away**2)
     if config.refine_zoom:
         logarithm = np.log(problem.zoom)
         bends = logarithm[2:] - 2 * logarithm[1:-1] + logarithm[:-2]
@@ -222,7 +222,7 @@ def prior_by_hand(problem, config):
 @pytest.mark.parametrize("zooms", [False, True])
 def test_what_is_believed_costs_what_its_docstring_says(zooms):
     bundle, seen = disturbed()
-    config = BundleConfig(expected_focal=1.3 * FOCAL, refine_zoom=zooms, relief=0.7)
+    config = BundleConfig(expected_focal=1.3 * FOCAL, focal_prior=0.02, refine_zoom=zooms, relief=0.7)
     problem = problem_of(bundle)
     if not zooms:
         assert module._prior_cost(problem, replace(config, refine_centers=False, refine_focal=False), 1.0) == 0
@@ -317,7 +317,7 @@ def test_normal_equations_are_those_of_the_dense_jacobian(changes, sums):
 def test_beliefs_pull_as_their_derivatives_do(zooms):
     """Least squares: a belief (x / s)^2 adds its weight to the diagonal, and weight times distance to the gradient."""
     bundle, seen = disturbed()
-    config = BundleConfig(expected_focal=1.3 * FOCAL, refine_zoom=zooms, relief=0.7)
+    config = BundleConfig(expected_focal=1.3 * FOCAL, focal_prior=0.02, refine_zoom=zooms, relief=0.7)
     problem, belief = problem_of(bundle), 40.0
     plain = equations_of(problem, seen, replace(config, expected_focal=None), 0.0)
     found = equations_of(problem, seen, config, belief)
@@ -330,7 +330,7 @@ def test_beliefs_pull_as_their_derivatives_do(zooms):
             expected[row, row] = belief * module.PATH_PRIOR / FRAMES
             right[row] = belief * module.PATH_PRIOR / FRAMES * problem.center[frame, axis]
     away = np.log(problem.focal / config.expected_focal)
-    pull = belief * module.FOCAL_PRIOR / (module.FOCAL_SPREAD**2 + away**2)
+    pull = belief * config.focal_prior / (module.FOCAL_SPREAD**2 + away**2)
     expected[-1, -1], right[-1] = pull, pull * away
     if zooms:
         rows = np.array([[1, -2, 1, 0], [0, 1, -2, 1], [0.25] * 4]) / 2  # over the root of four frames

@@ -547,6 +547,28 @@ def test_a_depth_prior_is_asked_first(monkeypatch, error, solver, name):
         assert job.statistics["focal_search"] == {"curve": 1}
 
 
+def test_the_lens_is_looked_for_again_where_the_background_is_sure(monkeypatch):
+    true = truth(frames=8, points=120)
+    found = solution_of(true)
+    asked = []
+    monkeypatch.setattr(
+        module, "best_focal", lambda solution, lens: asked.append(lens) or (1.3 * solution.bundle.focal, {"curve": 1})
+    )
+    job = job_of(true)
+    again = module._refocused(job, found)
+    assert job.statistics["focal_search"] == {"curve": 1} and asked == [job.sharp_lens]
+    assert again.bundle.focal == pytest.approx(true.focal, rel=0.02)  # a wrong focal length is adjusted away again
+    assert module._refocused(job, found) is found  # a depth prior told it
+    for given, solution in (
+        (job_of(true, focal=0.9), found),
+        (job_of(true), replace(found, registered=np.zeros(8, bool))),
+    ):
+        assert module._refocused(given, solution) is solution
+    grown = job_of(true)
+    grown.statistics["grown"] = True
+    assert module._refocused(grown, found) is found and len(asked) == 1
+
+
 def test_another_providers_cameras_start_the_solver(monkeypatch):
     first = solution_of(truth(frames=8, points=120))
     job = job_of(first=first)
@@ -564,9 +586,9 @@ def solved(monkeypatch, moves, zoom=None, kind=None, explains=False, solver="dir
     moved = solution_of(true)
     calls = []
 
-    def search(solution, width, candidates, translating=True, expected=DEFAULT_FOCAL):
+    def search(solution, width, candidates, expected=DEFAULT_FOCAL):
         assert expected == DEFAULT_FOCAL  # of a picture that lies
-        calls.append((tuple(candidates), translating))
+        calls.append(tuple(candidates))
         points = np.full((1, 3), 1.0)
         bundle = Bundle(300.0, np.zeros(2), np.eye(3)[None], np.zeros((1, 3)), points)
         seen = Observations(
@@ -608,22 +630,22 @@ def test_an_upright_picture_is_believed_to_be_filmed_with_the_same_lens(monkeypa
             "search_focal",
             lambda start, width, candidates, *rest, high=high: found.update({high: (candidates, *rest)}),
         )
-        module._search(replace(job, priors=priors), solution_of(true), False)
-    (lying, _, usual), (upright, turned, longer) = found.values()
-    assert tuple(lying) == FOCALS and usual == DEFAULT_FOCAL and turned is False
+        module._search(replace(job, priors=priors), solution_of(true))
+    (lying, usual), (upright, longer) = found.values()
+    assert tuple(lying) == FOCALS and usual == DEFAULT_FOCAL
     np.testing.assert_allclose(upright, 2 * np.array(FOCALS))
     assert longer == 2 * DEFAULT_FOCAL
 
 
 def test_the_kind_of_camera(monkeypatch):
     found, job, calls, moved = solved(monkeypatch, True)
-    assert found[0] is moved and found[1] == "moving" and calls == [(FOCALS, False), (FOCALS, True)]
+    assert found[0] is moved and found[1] == "moving" and calls == [FOCALS]
     assert job.statistics["solver"] == "direct"
     assert job.statistics["parallax_px"] == pytest.approx(0.3, abs=1e-4)
-    assert job.statistics["pan_focal_search"] == {"search": 1} and job.statistics["focal_search"] == {"search": 2}
+    assert job.statistics["pan_focal_search"] == {"search": 1} and "focal_search" not in job.statistics
     assert len(solved(monkeypatch, True, solver="depth")[2]) == 1
     _, _, calls, _ = solved(monkeypatch, True, focal=0.7)
-    assert calls == [((FOCAL / WIDTH,), False)]
+    assert calls == [(FOCAL / WIDTH,)]
     found, _, calls, _ = solved(monkeypatch, False)
     assert found == ("panned", "pan") and calls[1] == ("pan", 300.0, None)
     assert solved(monkeypatch, False, kind="moving")[0][1] == "moving"

@@ -13,10 +13,9 @@ from f4x_core.priors import CamerasConfig, Priors, PriorsConfig
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust
 from f4x_core.priors.cameras import complete, provide, static_shift
 from f4x_core.priors.sfm import (
-    FOCALS,
+    best_focal,
     choose_covering_points,
     refocused,
-    search_focal,
     solve_with_depth,
     solve_with_tracks,
 )
@@ -145,9 +144,7 @@ def test_own_structure_from_motion_recovers_fov_and_path():
     static = np.ones(tracks.shape[1], bool)
     start = solve_with_tracks(tracks, visible, static, 1.3 * FOCAL, PRINCIPAL)
     assert start is not None and start.registered.all()
-    sample, curve = search_focal(start, WIDTH, FOCALS)
-    assert 0 < int(np.argmin(curve["error_px"])) < len(FOCALS) - 1
-    focused = refocused(start, sample.bundle.focal)
+    focused = refocused(start, best_focal(start, BundleConfig(expected_focal=0.9 * WIDTH))[0])
     focused = replace(focused, bundle=adjust(focused.bundle, *_finite(focused), BundleConfig(iterations=40)))
     assert abs(fov(focused.bundle.focal) - fov(FOCAL)) < 1
     solution = complete(focused, tracks, visible, static, np.arange(12.0))

@@ -14,7 +14,7 @@ from test_priors_cameras import FOCAL, HEIGHT, PRINCIPAL, WIDTH, observe, projec
 from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.priors import sfm as module
-from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
+from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, adjust_anew, rays, triangulate
 from f4x_core.priors.sfm import Solution
 from f4x_core.report.diagnostics import _field_of_view
 
@@ -149,13 +149,13 @@ def test_the_focal_length_is_the_one_with_the_least_penalised_error():
     true = truth(frames=6, points=60, travel=0.8)
     solution = solution_of(replace(true, focal=FOCAL), noise=0.3)
     candidates = [0.5, 0.72, 0.81, 1.2, 2.5]
-    for translating, expected in ((True, 0.9), (False, 0.9), (False, 1e9)):
-        found, curve = module.search_focal(solution, WIDTH, candidates, translating, expected)
+    for expected in (0.9, 1e9):
+        found, curve = module.search_focal(solution, WIDTH, candidates, expected)
         errors = []
         for factor in candidates:
             sample, _ = module.subset(solution, 400, 24)
-            start = module.refocused(sample, factor * WIDTH, translating)
-            config = BundleConfig(iterations=8, refine_focal=False, refine_centers=translating)
+            start = module.refocused(sample, factor * WIDTH, translating=False)
+            config = BundleConfig(iterations=8, refine_focal=False, refine_centers=False)
             errors.append(replace(start, bundle=adjust(start.bundle, start.observations, config)).error)
         penalised = [e * (1 + 0.1 * np.log(c / expected) ** 2) for e, c in zip(errors, candidates, strict=True)]
         assert found.bundle.focal == candidates[int(np.argmin(penalised))] * WIDTH
@@ -165,6 +165,24 @@ def test_the_focal_length_is_the_one_with_the_least_penalised_error():
         true, solution.observations.keep(np.zeros(len(solution.observations.frame), bool)), np.ones(6, bool)
     )
     assert module.search_focal(nothing, WIDTH, candidates)[1] == {}
+
+
+@pytest.mark.parametrize(("travel", "turn", "seed"), [(0.02, 0.2, 0), (0.01, 0.15, 1), (0.03, 0.25, 2)])
+def test_a_pan_through_a_long_lens_is_told_from_a_walk_along_a_wall(travel, turn, seed):
+    true = replace(truth(frames=16, travel=travel, turn=turn, points=600, seed=seed), focal=2.0 * WIDTH)
+    lens = BundleConfig(expected_focal=0.9 * WIDTH, robust_px=0.5, focal_prior=0.01)
+    start = module.refocused(solution_of(true, noise=0.1), 0.9 * WIDTH)
+    wall = module.with_points_ahead(start.bundle, start.observations)
+    wall = replace(start, bundle=adjust(wall, start.observations, replace(lens, refine_focal=False)))
+    focal, curve = module.best_focal(wall, lens)
+    assert abs(np.log(focal / (2 * WIDTH))) < np.log(module.FOCAL_STEP) < abs(np.log(0.9 / 2))
+    assert focal == pytest.approx(WIDTH * curve["focal_over_width"][int(np.argmin(curve["error_px"]))], rel=1e-3)
+    assert len(curve["error_px"]) == module.LONGER + module.SHORTER + 1
+    again = module.refocused(wall, focal)
+    bundle, _ = adjust_anew(again.bundle, again.observations, lens, 2)
+    assert bundle.focal == pytest.approx(2 * WIDTH, rel=0.05)
+    nothing = replace(wall, observations=wall.observations.keep(np.zeros(len(wall.observations.frame), bool)))
+    assert module.best_focal(nothing, lens) == (wall.bundle.focal, {})
 
 
 def test_a_flat_curve_is_decided_by_the_usual_focal_length(monkeypatch):
