@@ -14,8 +14,8 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "feature4x"
-SAMPLES = 16
-"""Cycles samples per pixel in a .blend that a script writes; enough for a preview."""
+SAMPLES = 128
+"""Cycles samples per pixel at most in a .blend that a script writes, for a person who chooses that engine."""
 
 
 def load_extension() -> ModuleType:
@@ -108,13 +108,17 @@ def start_blender() -> None:
 
 
 def import_scene(scene: Path) -> Any:
-    """Import a scene file into the Blender scene that is open; returns the root empty."""
+    """Import a scene file into the Blender scene that is open, as a window's import shows it; returns the root empty."""
     import bpy
+    from feature4x.addon.common.render_settings import ENGINE
     from feature4x.addon.io.import_scene import import_scene
+    from feature4x.addon.render import viewport
 
     root = import_scene(scene)
-    bpy.context.scene.render.engine = "CYCLES"  # the one engine of Blender's own that also works without a display
-    bpy.context.scene.cycles.samples = SAMPLES
+    target = bpy.context.scene
+    target.render.engine = ENGINE
+    target.cycles.samples = SAMPLES
+    viewport.show(root, target.camera)
     return root
 
 
