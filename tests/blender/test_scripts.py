@@ -56,6 +56,8 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 door.end()
 """
 
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""First bytes of a compressed .blend."""
 # What a person finds who opens a .blend and presses F12.
 F12 = """
 import sys; sys.path.insert(0, sys.argv[1])
@@ -122,6 +124,7 @@ def test_query_selects_as_the_core_does(scene, tmp_path):
 def test_what_import_leaves_is_seen_and_rendered_as_the_core_draws_it(scene, tmp_path):
     """F12 in the .blend needs no settings first: the engine, the clip's camera and the viewport are those of a window's import."""
     run("import_scene.py", scene, tmp_path / "shot.blend")
+    assert (tmp_path / "shot.blend").read_bytes()[:4] == ZSTD
     done = python("-c", F12, SCRIPTS, tmp_path / "shot.blend", tmp_path / "f12.png")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1]) == ["FEATURE4X", "labelled camera", "RENDERED", "CAMERA"]
