@@ -6,7 +6,9 @@ import json
 
 import bpy
 
+from ..common.gaussian_attributes import draws_splats
 from ..common.lines import CATEGORY, draw_lines
+from ..common.render_settings import ENGINE
 from ..common.wording import Reporting
 from ..edits import display, marking
 from ..edits.fields import draw_fields
@@ -32,6 +34,8 @@ def _bars(counts: list[int]) -> str:
 EXAMPLE, EXAMPLE_OF_STILL = "Or: select what moves", "Or: make everything warmer"
 """Placeholders of the field for answers."""
 WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
+BALLS = "F12 draws balls: Blender's own engines know splats from 5.3 on. Show Picture chooses ours; Mesh > Composite merges both."
+"""Of a file whose engine cannot draw Gaussians."""
 CHOOSE_ONE = "There are several scenes. Select an object of one."
 """Text of the panel where it can show no scene."""
 ROW_CHARACTERS = 24
@@ -122,6 +126,8 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.prop(scene_object.state, "show_believed", text="", icon="VIEW_CAMERA")
         if tints.are_there(scene_object.clouds):
             layout.prop(scene_object.state, "colors_over_time")
+        if context.scene.render.engine != ENGINE and not draws_splats():
+            draw_lines(layout, context, BALLS, "INFO")
         if not viewport.shows_picture(context.scene, context.space_data):
             layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
         if not scene_object.path.exists():

@@ -173,3 +173,22 @@ def test_the_documentation_comes_as_pages_whose_links_lead_somewhere(tmp_path):
     )
     assert "A &amp; B</h1>" in page and "<li><b>one</b> x <code>&lt;b&gt;</code>" in page
     assert page.count("<td>") == 4 and "href" not in page
+
+
+def test_what_other_engines_draw_of_gaussians_is_said_where_they_draw_none(folder):
+    script = """
+from unittest.mock import MagicMock
+from walk_checks import _Context
+from feature4x.addon.ui import panel
+
+def lines(engine, splats):
+    bpy.context.scene.render.engine, panel.draws_splats = engine, lambda: splats
+    drawn = MagicMock()
+    panel.F4X_PT_scene.draw(MagicMock(layout=drawn), _Context())
+    return str(drawn.mock_calls)
+
+for engine, splats in (("CYCLES", False), ("CYCLES", True), ("FEATURE4X", False)):
+    noted[f"{engine} {splats}"] = "draws balls" in lines(engine, splats)
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted == {"CYCLES False": True, "CYCLES True": False, "FEATURE4X False": False}
