@@ -155,7 +155,7 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         """Draw the words, the tools and the threshold."""
         layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row(align=True)
-        row.prop(state, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
+        row.prop(context.window_manager.f4x, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
         row.operator("f4x.query_text", text="", icon="PLAY")
         draw_search(layout, "SELECT")
         draw_lines(layout, context, state.found, "INFO")
@@ -191,7 +191,7 @@ class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Draw buttons that change, hide and name the selection."""
         layout, state = self.layout, SceneObject.of(context.object).state
-        layout.prop(state, "negatives", text="", icon="REMOVE", placeholder="but not …")
+        layout.prop(context.window_manager.f4x, "negatives", text="", icon="REMOVE", placeholder="but not …")
         row = layout.row(align=True)
         for how in ("GROW", "SHRINK"):
             row.operator("f4x.change_selection", text=how.capitalize()).how = how
@@ -231,7 +231,8 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         """Draw the sentence, then buttons for color, visibility, place and time."""
         layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row(align=True)
-        row.prop(state, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
+        typed = context.window_manager.f4x
+        row.prop(typed, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
         row.operator("f4x.plan", text="", icon="PLAY").readings = 1
         draw_search(layout, "EDIT")
         if state.readings:

@@ -192,3 +192,19 @@ for engine, splats in (("CYCLES", False), ("CYCLES", True), ("FEATURE4X", False)
 """
     noted, _ = perform(folder, START + script)
     assert noted == {"CYCLES False": True, "CYCLES True": False, "FEATURE4X False": False}
+
+
+def test_what_is_typed_is_the_active_scenes_and_no_step_of_undo_of_its_own(folder):
+    """Blender makes no steps of fields of a window manager; the operator's step has what was typed."""
+    script = """
+typed = bpy.context.window_manager.f4x
+noted["owner"] = typed.id_data.id_type
+typed.text, typed.sentence, typed.negatives = "square", "make it red", "wall"
+noted["kept"] = [state.text, state.sentence, state.negatives]
+bpy.context.view_layer.objects.active = None
+bpy.data.objects.remove(root())
+typed.text = "nothing is there"
+noted["none"] = [typed.text, typed.sentence]
+"""
+    noted, _ = perform(folder, START + script.replace("root()", "state.id_data"))
+    assert noted == {"owner": "WINDOWMANAGER", "kept": ["square", "make it red", "wall"], "none": ["", ""]}
