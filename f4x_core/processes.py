@@ -30,7 +30,7 @@ from .errors import Cancelled, F4xError
 from .files import json_text
 from .printing import write
 from .progress import Progress, silent
-from .troubles import EXPECTED, sentence_of
+from .troubles import EXPECTED, with_code
 
 EXIT_INTERRUPTED = 130
 START = "start"
@@ -83,7 +83,7 @@ def serve(work: Callable[[LineProgress], tuple[dict[str, Any], str]]) -> int:
         return EXIT_INTERRUPTED
     except EXPECTED as error:
         instead = getattr(error, "instead", "")
-        progress.tell(error=sentence_of(error), **({"instead": instead} if instead else {}))
+        progress.tell(error=with_code(error), **({"instead": instead} if instead else {}))
         return 2
     progress.tell(result=result, text=text)
     return 0

@@ -173,6 +173,8 @@ scene_object.append(Delete(Moving()))
 assert not scene_object.is_saved
 assert ops.ask_scene(question="What moves?") == {"FINISHED"}
 assert "Nothing moves" in started[1].text, started[1].text
+told = refused(ops.ask_scene, question="where is the unicorn?")
+assert "unicorn" in told and "[F4X-" in told and "[F4X-INSTALL]" not in told, told
 """
     perform(tmp_path, START + code)
 
