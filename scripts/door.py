@@ -16,6 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "feature4x"
 SAMPLES = 128
 """Cycles samples per pixel at most in a .blend that a script writes, for a person who chooses that engine."""
+WHOLE = b"\xb1\xea\x92\x8f"
+"""Last bytes of a compressed .blend: those of the table of its parts (zstd's seekable format), which is written last."""
 
 
 def load_extension() -> ModuleType:
@@ -152,6 +154,9 @@ def save_blend(out: Path, size: int) -> None:
         place.parent.mkdir(parents=True, exist_ok=True)
         # as Blender itself does from 5.0 on: colors over time shrink to two fifths, and open as fast
         bpy.ops.wm.save_as_mainfile(filepath=str(place), compress=True)
+        if place.read_bytes()[-len(WHOLE) :] != WHOLE:  # Blender does not notice when a disk is full
+            place.unlink()
+            raise OSError("it came out incomplete")
     except (OSError, RuntimeError) as error:
         refused = refusal(place.parent, size)
         reason = refused.strerror if refused else " ".join(str(error).split())
