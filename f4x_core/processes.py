@@ -3,9 +3,9 @@
 Standard library alone: Blender's own Python starts such children, and a bare Python runs `installation` as one.
 
 The child writes one JSON object per line on standard output: `{"stage", "done", "total", "message", "cpu_seconds"}` while it
-works, and last `{"result", "text"}` or `{"error"}`. Its standard input stays open as long as somebody waits: when it closes,
-because the other program wants an end or is itself gone, the child stops as after Ctrl-C, and GRACE seconds later at the latest
-it is gone with every process that it started.
+works, and last `{"result", "text"}` or `{"error"}`, with `instead` where it asks what was meant. Its standard input stays open
+as long as somebody waits: when it closes, because the other program wants an end or is itself gone, the child stops as after
+Ctrl-C, and GRACE seconds later at the latest it is gone with every process that it started.
 """
 
 import _thread
@@ -30,7 +30,7 @@ from .errors import Cancelled, F4xError
 from .files import json_text
 from .printing import write
 from .progress import Progress, silent
-from .troubles import EXPECTED, sentence_of
+from .troubles import EXPECTED, with_code
 
 EXIT_INTERRUPTED = 130
 START = "start"
@@ -82,7 +82,8 @@ def serve(work: Callable[[LineProgress], tuple[dict[str, Any], str]]) -> int:
     except (KeyboardInterrupt, Cancelled):
         return EXIT_INTERRUPTED
     except EXPECTED as error:
-        progress.tell(error=sentence_of(error))
+        instead = getattr(error, "instead", "")
+        progress.tell(error=with_code(error), **({"instead": instead} if instead else {}))
         return 2
     progress.tell(result=result, text=text)
     return 0

@@ -14,8 +14,10 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "feature4x"
-SAMPLES = 16
-"""Cycles samples per pixel in a .blend that a script writes; enough for a preview."""
+SAMPLES = 128
+"""Cycles samples per pixel at most in a .blend that a script writes, for a person who chooses that engine."""
+WHOLE = b"\xb1\xea\x92\x8f"
+"""Last bytes of a compressed .blend: those of the table of its parts (zstd's seekable format), which is written last."""
 
 
 def load_extension() -> ModuleType:
@@ -108,13 +110,17 @@ def start_blender() -> None:
 
 
 def import_scene(scene: Path) -> Any:
-    """Import a scene file into the Blender scene that is open; returns the root empty."""
+    """Import a scene file into the Blender scene that is open, as a window's import shows it; returns the root empty."""
     import bpy
+    from feature4x.addon.common.render_settings import ENGINE
     from feature4x.addon.io.import_scene import import_scene
+    from feature4x.addon.render import viewport
 
     root = import_scene(scene)
-    bpy.context.scene.render.engine = "CYCLES"  # the one engine of Blender's own that also works without a display
-    bpy.context.scene.cycles.samples = SAMPLES
+    target = bpy.context.scene
+    target.render.engine = ENGINE
+    target.cycles.samples = SAMPLES
+    viewport.show(root, target.camera)
     return root
 
 
@@ -146,7 +152,11 @@ def save_blend(out: Path, size: int) -> None:
         raise F4xError(f"{out} is no name of a Blender file; end it in .blend.")
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        bpy.ops.wm.save_as_mainfile(filepath=str(place))
+        # as Blender itself does from 5.0 on: colors over time shrink to two fifths, and open as fast
+        bpy.ops.wm.save_as_mainfile(filepath=str(place), compress=True)
+        if place.read_bytes()[-len(WHOLE) :] != WHOLE:  # Blender does not notice when a disk is full
+            place.unlink()
+            raise OSError("it came out incomplete")
     except (OSError, RuntimeError) as error:
         refused = refusal(place.parent, size)
         reason = refused.strerror if refused else " ".join(str(error).split())

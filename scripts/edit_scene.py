@@ -35,6 +35,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
     options = parse(arguments)
     from feature4x.f4x_core.app.editing import EditRequest, edit_file
     from feature4x.f4x_core.edit.json_files import read_operations
+    from feature4x.f4x_core.edit.plan_lines import plan_lines
     from feature4x.f4x_core.edit.resolve import EditorState
 
     operations = () if options.ops is None else tuple(read_operations(options.ops))
@@ -50,7 +51,8 @@ def main(arguments: list[str]) -> dict[str, Any]:
     chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(edited.after, "steps", ())}
     return {
         "output": str(target),
-        "edits": [edit.to_json() for edit in edited.new],
+        # in words: the ids that an operation keeps are a long line of no use to a reader
+        "edits": list(plan_lines(edited.before, [edit.operation for edit in edited.new], options.frame)),
         "gaussians": [chosen.get(edit.id, 0) for edit in edited.new],
         "blend": options.blend and str(options.blend),
     }

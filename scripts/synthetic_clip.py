@@ -34,7 +34,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--frames", type=int, default=0, help="clip frames (default: as the scene wants)")
     parser.add_argument("--size", metavar="WIDTHxHEIGHT", help="pixels (default: as the scene wants)")
     parser.add_argument("--samples", type=int, default=12, help="Cycles samples per pixel")
-    parser.add_argument("--lens", type=float, default=32.0, help="focal length in mm, before 36 mm of sensor (default: 32)")
+    parser.add_argument(
+        "--lens", type=float, default=32.0, help="focal length in mm, before 36 mm of sensor (default: 32)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="camera jitter, textures and furniture")
     parser.add_argument("--assets", type=Path, default=door.ROOT.parent / "shared" / "assets")
     parser.add_argument(

@@ -1,6 +1,6 @@
 """Cycles of Blender 5.3 beside the engine's own picture of a scene, at one moment of the clip's camera.
 
-python tools/bench_cycles.py SCENE.f4x [--frame N] [--samples 256] [--part 0.5] [--engine CYCLES] [--save DIR]
+python tools/bench_cycles.py SCENE.f4x [--frame N] [--samples 256] [--part 0.5] [--engine CYCLES] [--denoise] [--save DIR]
 
 Prints one JSON object: PSNR in dB between display colors of the two pictures, and seconds. `--part` draws the middle part of the
 picture alone, whose sides are so large: a large picture takes many minutes.
@@ -26,12 +26,12 @@ from feature4x.f4x_core.scene.linear import is_refitted  # noqa: E402
 from feature4x.f4x_core.scene.view import render  # noqa: E402
 
 
-def draw(samples: int, part: float, engine: str) -> tuple[np.ndarray, float]:
+def draw(samples: int, part: float, engine: str, denoise: bool) -> tuple[np.ndarray, float]:
     """(H,W,4) linear colors and alpha of the middle part of the current scene's picture, and the seconds it took."""
     scene, settings = bpy.context.scene, bpy.context.scene.render
     settings.engine, settings.film_transparent = engine, True
     if engine == "CYCLES":
-        scene.cycles.samples, scene.cycles.use_adaptive_sampling, scene.cycles.use_denoising = samples, False, False
+        scene.cycles.samples, scene.cycles.use_adaptive_sampling, scene.cycles.use_denoising = samples, False, denoise
     else:
         scene.eevee.taa_render_samples = samples
     settings.use_border = settings.use_crop_to_border = part < 1
@@ -68,6 +68,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
     parser.add_argument("--samples", type=int, default=256)
     parser.add_argument("--part", type=float, default=1.0)
     parser.add_argument("--engine", default="CYCLES")
+    parser.add_argument("--denoise", action="store_true", help="with Blender's denoiser, which is on in a new file")
     parser.add_argument("--save", type=Path)
     args = parser.parse_args(arguments)
     scene = read_scene(args.scene)
@@ -75,7 +76,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
     door.start_blender()
     door.import_scene(str(args.scene))
     bpy.context.scene.frame_set(frame)
-    drawn, seconds = draw(args.samples, args.part, args.engine)
+    drawn, seconds = draw(args.samples, args.part, args.engine, args.denoise)
     own = render(scene, scene.cameras[frame], float(scene.cameras.times[frame]))["rgb"]
     shown = srgb_from_linear(drawn[..., :3]).clip(0, 1)
     own = middle(own, shown.shape[:2]).clip(0, 1)
@@ -90,6 +91,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
         "pixels": list(shown.shape[1::-1]),
         "engine": args.engine,
         "samples": args.samples,
+        "denoised": args.denoise,
         "dB": decibels(shown, own),
         "seconds": seconds,
     }

@@ -125,8 +125,12 @@ def look():
                     bpy.ops.wm.tool_set_by_id(name=name)
         if os.path.exists("{home}/start_job") and not runner.all_jobs():
             runner.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
-        last = bpy.context.window_manager.operators
+        last, camera = bpy.context.window_manager.operators, bpy.context.scene.camera
+        region = next(region for region in area.regions if region.type == "WINDOW")
+        frame = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=bpy.context.scene)]
+        across = [view3d_utils.location_3d_to_region_2d(region, area.spaces.active.region_3d, each).x for each in frame]
         tell(
+            room=[min(across), max(across), sidebar.x - region.x],
             screen="view",
             selected=properties.selected,
             total=properties.total,
@@ -164,7 +168,20 @@ class Window:
 
     def state(self) -> dict:
         """Text of the sidebar."""
-        nothing = ("screen", "selected", "total", "text", "edits", "saved", "last", "thing", "rendered", "job", "stage")
+        nothing = (
+            "screen",
+            "room",
+            "selected",
+            "total",
+            "text",
+            "edits",
+            "saved",
+            "last",
+            "thing",
+            "rendered",
+            "job",
+            "stage",
+        )
         state = {"beat": 0} | dict.fromkeys(nothing)
         try:
             return state | json.loads((self.home / "state.json").read_text())

@@ -46,9 +46,9 @@ def core_command(interpreter: Path | str, verb: str, *arguments: Path | str) -> 
     return [str(interpreter), "-m", "f4x_core", verb, *map(str, arguments), "--progress-json"]
 
 
-def own_command(module: str, *arguments: Path | str) -> list[str]:
-    """Return the command line of a module of the core that Blender's own Python runs: it needs numpy alone, and no worker."""
-    return [sys.executable, "-m", f"f4x_core.{module}", *map(str, arguments)]
+def own_command(module: str, *arguments: Path | str, interpreter: str | None = None) -> list[str]:
+    """Return the command line of a module of the core that needs numpy alone: for Blender's own Python where none is named."""
+    return [interpreter or sys.executable, "-m", f"f4x_core.{module}", *map(str, arguments)]
 
 
 class Job:

@@ -54,7 +54,6 @@ from ..scene.scene_object import EDITS, PREVIEW, TIMED, SceneObject
 from . import point_edits
 from .base import SceneOperator
 from .searching import SearchOperator
-from .submitting import quietly
 
 if TYPE_CHECKING:
     from ...f4x_core.edit.plan import Proposal
@@ -413,8 +412,7 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
         """Read the sentence as one that selects, or else as one that edits."""
         state = scene_object.state
         self._ended = state.preview
-        with quietly():
-            state.sentence, state.instead = self.sentence, ""
+        state.sentence, state.instead = self.sentence, ""
         forget_readings(scene_object)
         sentence, readings, meters = self.sentence, self.readings, scene_object.meters
         base, scene, asker = scene_object.base, scene_object.edited, scene_object.context

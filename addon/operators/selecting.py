@@ -33,7 +33,6 @@ from ..scene import cache
 from ..scene.scene_object import HIDDEN, SELECTED, SceneObject
 from .base import SceneOperator, require_viewport
 from .searching import SearchOperator
-from .submitting import quietly
 from .tasks import look_up
 
 PHRASES = frozenset(
@@ -106,8 +105,7 @@ class F4X_OT_query_text(SearchOperator, bpy.types.Operator):  # noqa: N801 - Ble
     def take(self, context, scene_object, found):
         """Select what was found. A worker, if any, adds unknown words."""
         state = scene_object.state
-        with quietly():
-            state.text, state.negatives = self.text, self.negatives
+        state.text, state.negatives = self.text, self.negatives
         if found.unknown:
             look_up(scene_object, found.unknown)
             line = f"The worker adds {', '.join(found.unknown)} to the scene; select again when the task is done.{found.hint}"

@@ -2,24 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import bpy
 
-_quiet = False
 _waiting: set[tuple[int, str]] = set()  # (session_uid of a root, operator) of calls that are to come
-
-
-@contextmanager
-def quietly() -> Iterator[None]:
-    """Set fields without acting on them, inside the block."""
-    global _quiet
-    before, _quiet = _quiet, True
-    try:
-        yield
-    finally:
-        _quiet = before
 
 
 def submit(context: bpy.types.Context, root: bpy.types.Object, name: str) -> None:
@@ -29,7 +14,7 @@ def submit(context: bpy.types.Context, root: bpy.types.Object, name: str) -> Non
     calling the operator.
     """
     call = root.session_uid, name
-    if _quiet or bpy.app.background or context.area is None or call in _waiting:
+    if bpy.app.background or context.area is None or call in _waiting:
         return  # Blender tells of one key several times
     window, area = context.window, context.area
     _waiting.add(call)

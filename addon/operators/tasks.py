@@ -1,8 +1,8 @@
-"""Operators that run a verb of `f4x` in the worker: fit a clip, add features, answer a question."""
+"""Operators that start jobs: fit a clip, add features, answer a question."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from tempfile import mkdtemp
 from typing import Any
 
 import bpy
@@ -10,7 +10,6 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...f4x_core.errors import F4xError
-from ...f4x_core.files import json_text
 from ..common.gaussian_attributes import draws_splats
 from ..common.lines import CATEGORY
 from ..common.point_cloud import selected_in
@@ -18,10 +17,12 @@ from ..common.wording import Reporting
 from ..edits import display
 from ..io.clip_background import find_clip, shown_clip
 from ..jobs import runner
-from ..jobs.preferences import worker_python
-from ..jobs.worker import RUNNING, Job, core_command
+from ..jobs.preferences import find_interpreter, worker_python
+from ..jobs.worker import RUNNING, Job, core_command, own_command
 from ..rig.motion_edits import unwritten
+from ..scene import cache
 from ..scene.scene_object import PATH, SceneObject
+from .exporting import stack_as_seen
 
 PROFILES = (
     ("quick", "Quick", "Takes minutes; shows whether a clip is suitable"),
@@ -36,16 +37,6 @@ BESIDE = 4.0
 def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, verb: str, *arguments: Path | str) -> None:
     """Run one verb of `f4x` as a job. Raises F4xError if there is no worker, or without a window if the job fails."""
     runner.start(Job(title, core_command(worker_python(), verb, *arguments), on_done))
-
-
-def _selection_options(scene_object: SceneObject) -> tuple[Path | str, ...]:
-    """Return the options of a verb that hand over what is selected, in a file that goes with Blender; none where nothing is."""
-    selection = scene_object.selection
-    if selection is None:
-        return ()
-    with NamedTemporaryFile("w", dir=bpy.app.tempdir, prefix="selection-", suffix=".json", delete=False) as file:
-        file.write(json_text(selection.to_json()))
-    return "--select", Path(file.name)
 
 
 def import_fitted(result: dict[str, Any]) -> None:
@@ -264,14 +255,20 @@ class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     question: StringProperty(name="Question", default="What moves?")  # type: ignore[valid-type]
 
     def invoke(self, context, event):
-        """Open the dialog, where there is a worker."""
-        worker_python()
+        """Open the dialog."""
         return context.window_manager.invoke_props_dialog(self, width=420)
 
     def start(self, context):
-        """Start `f4x ask`."""
-        scene_object, path = saved_scene(context)
-        start_verb(f"Ask: {self.question}", None, "ask", path, self.question, *_selection_options(scene_object))
+        """Start the job: of the worker, where there is one, whose models know more words; else of Blender's own Python."""
+        from ...f4x_core.app.asking import AskRequest  # not above: Blender starts more often than somebody asks
+
+        scene_object = SceneObject.of(context.active_object)
+        chosen, edits = scene_object.selection, cache.text_of(stack_as_seen(scene_object))
+        request = Path(mkdtemp(dir=bpy.app.tempdir, prefix="ask-")) / "request.json"
+        selection = None if chosen is None else chosen.to_json()
+        AskRequest(str(scene_object.path), edits, self.question, selection).write(request)
+        command = own_command("app.asking", request, interpreter=find_interpreter())
+        runner.start(Job(f"Ask: {self.question}", command))
 
 
 class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801

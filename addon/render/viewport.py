@@ -1,9 +1,12 @@
 """Making what was imported visible: as the engine draws it or in colours, the clip's camera or the whole thing in view."""
 
+import math
 import time
+from collections.abc import Sequence
 
 import bpy
 from bpy.app.handlers import persistent
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 from ...f4x_core.native.library import open_library
 from ..common.lines import CATEGORY
@@ -24,6 +27,8 @@ WAS_EXACT = "f4x_rendered"
 """Property of a screen in a saved file: numbers of its areas that showed what an engine draws. Blender itself opens every file
 with Solid shading instead of it."""
 
+FILLED = 0.94
+"""Part of the free room of a viewport that a camera's picture fills along one side."""
 TRY_AGAIN, PATIENCE = 0.1, 3.0
 """Seconds between two tries to choose the tab of the sidebar, and after which it is left as it is."""
 
@@ -83,9 +88,54 @@ def _open_sidebar(window: bpy.types.Window) -> None:
             sidebar.active_panel_category = CATEGORY
         except (AttributeError, TypeError):  # read-only until the sidebar was drawn once
             return TRY_AGAIN if time.monotonic() < until else None
+        if area.spaces.active.region_3d.view_perspective == "CAMERA":
+            _fit_camera(area)
         return None
 
     bpy.app.timers.register(choose, first_interval=TRY_AGAIN)
+
+
+def _fit_camera(area: bpy.types.Area) -> None:
+    """Show the camera's picture whole and large beside the toolbar and the sidebar, which lie over the viewport."""
+    view, camera = area.spaces.active.region_3d, bpy.context.scene.camera
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=bpy.context.scene)]
+    seen = [location_3d_to_region_2d(region, view, corner) for corner in corners]
+    if None in seen:
+        return
+    left, right, top = 0, region.width, region.height
+    for other in area.regions:
+        if other.width <= 1 or other.height <= 1:  # it is hidden
+            continue
+        if other.type == "TOOLS" and other.alignment == "LEFT":
+            left = max(left, other.x + other.width - region.x)
+        elif other.type == "UI" and other.alignment == "RIGHT":
+            right = min(right, other.x - region.x)
+        elif other.type in ("HEADER", "TOOL_HEADER") and other.alignment == "TOP":
+            top = min(top, other.y - region.y)
+    sides = [max(place[axis] for place in seen) - min(place[axis] for place in seen) for axis in (0, 1)]
+    view.view_camera_zoom, view.view_camera_offset = framing(
+        view.view_camera_zoom, sides, (left, 0, right, top), (region.width, region.height)
+    )
+
+
+def framing(
+    zoom: float, sides: Sequence[float], free: tuple[float, float, float, float], region: tuple[float, float]
+) -> tuple[float, tuple[float, float]]:
+    """Return (zoom, offset) of a viewport that looks through a camera, whose picture is then as large as the free part allows.
+
+    Args:
+        zoom: the present zoom.
+        sides: width and height of the picture at that zoom, pixels.
+        free: left, bottom, right and top of the free part of the region, pixels from its lower left corner.
+        region: width and height of the region.
+    """
+    room = free[2] - free[0], free[3] - free[1]
+    larger = FILLED * min(part / side for part, side in zip(room, sides, strict=True))
+    factor = ((zoom / 50 + math.sqrt(2)) / 2) ** 2 * larger  # as Blender has it (BKE_screen_view3d_zoom_to_fac)
+    middle = (free[0] + free[2] - region[0]) / 2, (free[1] + free[3] - region[1]) / 2
+    across, up = (-way / (2 * factor * side) for way, side in zip(middle, region, strict=True))
+    return min(max(50 * (2 * math.sqrt(factor) - math.sqrt(2)), -30), 600), (across, up)
 
 
 def see_to(distance: float) -> None:

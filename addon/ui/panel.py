@@ -6,7 +6,9 @@ import json
 
 import bpy
 
+from ..common.gaussian_attributes import draws_splats
 from ..common.lines import CATEGORY, draw_lines
+from ..common.render_settings import ENGINE
 from ..common.wording import Reporting
 from ..edits import display, marking
 from ..edits.fields import draw_fields
@@ -32,6 +34,8 @@ def _bars(counts: list[int]) -> str:
 EXAMPLE, EXAMPLE_OF_STILL = "Or: select what moves", "Or: make everything warmer"
 """Placeholders of the field for answers."""
 WITHOUT = "No scene yet. Drop a .f4x file into the viewport, or make a scene of a video."
+BALLS = "F12 draws balls: Blender's own engines know splats from 5.3 on. Show Picture chooses ours; Mesh > Composite merges both."
+"""Of a file whose engine cannot draw Gaussians."""
 CHOOSE_ONE = "There are several scenes. Select an object of one."
 """Text of the panel where it can show no scene."""
 ROW_CHARACTERS = 24
@@ -122,6 +126,8 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.prop(scene_object.state, "show_believed", text="", icon="VIEW_CAMERA")
         if tints.are_there(scene_object.clouds):
             layout.prop(scene_object.state, "colors_over_time")
+        if context.scene.render.engine != ENGINE and not draws_splats():
+            draw_lines(layout, context, BALLS, "INFO")
         if not viewport.shows_picture(context.scene, context.space_data):
             layout.operator("f4x.show_picture", icon="SHADING_RENDERED")
         if not scene_object.path.exists():
@@ -149,7 +155,7 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         """Draw the words, the tools and the threshold."""
         layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row(align=True)
-        row.prop(state, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
+        row.prop(context.window_manager.f4x, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
         row.operator("f4x.query_text", text="", icon="PLAY")
         draw_search(layout, "SELECT")
         draw_lines(layout, context, state.found, "INFO")
@@ -185,7 +191,7 @@ class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Draw buttons that change, hide and name the selection."""
         layout, state = self.layout, SceneObject.of(context.object).state
-        layout.prop(state, "negatives", text="", icon="REMOVE", placeholder="but not …")
+        layout.prop(context.window_manager.f4x, "negatives", text="", icon="REMOVE", placeholder="but not …")
         row = layout.row(align=True)
         for how in ("GROW", "SHRINK"):
             row.operator("f4x.change_selection", text=how.capitalize()).how = how
@@ -225,7 +231,8 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         """Draw the sentence, then buttons for color, visibility, place and time."""
         layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row(align=True)
-        row.prop(state, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
+        typed = context.window_manager.f4x
+        row.prop(typed, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
         row.operator("f4x.plan", text="", icon="PLAY").readings = 1
         draw_search(layout, "EDIT")
         if state.readings:

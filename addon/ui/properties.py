@@ -1,5 +1,7 @@
 """The state of the sidebar for a scene: one property group on its root empty, so that Undo covers it too."""
 
+from typing import Any
+
 import bpy
 from bpy.props import (
     BoolProperty,
@@ -29,7 +31,7 @@ OFFERED = ("what moves", "what stands still", "everything", "nothing")
 def _complete(self, context, typed: str) -> list[str]:
     """Return the words that are looked for in the scene and contain the last word typed."""
     try:
-        labels = known_words(SceneObject(self.id_data).base)
+        labels = known_words(SceneObject.of(context.object).base)
     except F4xError:
         labels = []
     *complete, begun = (word.strip() for word in typed.split(","))
@@ -66,14 +68,46 @@ def _preview_changed(self, context) -> None:
         self.answer = error_line(error)
 
 
-def _asked(self, context) -> None:
-    if self.text.strip():
-        submit(context, self.id_data, "query_text")
+def _typed(name: str, operator: str) -> dict[str, Any]:
+    """Return getter and setter of a field of the sidebar that shows the property `name` of the active scene and acts on Enter."""
+
+    def get_typed(self) -> str:
+        scene_object = SceneObject.of(bpy.context.object)
+        return "" if scene_object is None else getattr(scene_object.state, name)
+
+    def set_typed(self, value: str) -> None:
+        scene_object = SceneObject.of(bpy.context.object)
+        if scene_object is not None:
+            setattr(scene_object.state, name, value)
+            if value.strip():
+                submit(bpy.context, scene_object.root, operator)
+
+    return {"get": get_typed, "set": set_typed}
 
 
-def _said(self, context) -> None:
-    if self.sentence.strip():
-        submit(context, self.id_data, "plan")
+class F4X_PG_typed(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
+    """The fields into which a person types, on the window manager: Blender makes a step of undo of every field that is a scene's.
+
+    What is typed is kept by the scene, and goes with the step of the operator that it starts.
+    """
+
+    text: StringProperty(  # type: ignore[valid-type]
+        name="Text",
+        description="What to select: words separated by commas, what moves, what stands still, everything or nothing",
+        search=_complete,
+        **_typed("text", "query_text"),
+    )
+    negatives: StringProperty(  # type: ignore[valid-type]
+        name="But Not",
+        description="What not to select, separated by commas; empty: common surroundings such as sky and grass",
+        search=_complete,
+        **_typed("negatives", "query_text"),
+    )
+    sentence: StringProperty(  # type: ignore[valid-type]
+        name="Say",
+        description="What to change or select, such as: make the dog red from second 2; select what moves",
+        **_typed("sentence", "plan"),
+    )
 
 
 def _words_of_edit(self) -> str:
@@ -155,19 +189,9 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         get=lambda self: not clip_time.follows_timeline(self.id_data),
         set=lambda self, on: clip_time.animate(self.id_data, on),
     )
-    text: StringProperty(  # type: ignore[valid-type]
-        name="Text",
-        description="What to select: words separated by commas, what moves, what stands still, everything or nothing",
-        search=_complete,
-        update=_asked,
-    )
+    text: StringProperty()  # type: ignore[valid-type]  # this one, `negatives` and `sentence`: see `F4X_PG_typed`
     found: StringProperty()  # type: ignore[valid-type]  # why the words found nothing
-    negatives: StringProperty(  # type: ignore[valid-type]
-        name="But Not",
-        description="What not to select, separated by commas; empty: common surroundings such as sky and grass",
-        search=_complete,
-        update=_asked,
-    )
+    negatives: StringProperty()  # type: ignore[valid-type]
     mode: EnumProperty(name="Mode", items=marking.MODES, default="SET")  # type: ignore[valid-type]
     threshold: FloatProperty(  # type: ignore[valid-type]
         name="Threshold",
@@ -259,11 +283,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     history: CollectionProperty(type=F4X_PG_edit)  # type: ignore[valid-type]
     history_index: IntProperty()  # type: ignore[valid-type]
     fields: PointerProperty(type=fields.F4X_PG_fields)  # type: ignore[valid-type]
-    sentence: StringProperty(  # type: ignore[valid-type]
-        name="Say",
-        description="What to change or select, such as: make the dog red from second 2; select what moves",
-        update=_said,
-    )
+    sentence: StringProperty()  # type: ignore[valid-type]
     answer: StringProperty()  # type: ignore[valid-type]
     instead: StringProperty()  # type: ignore[valid-type]  # the sentence that was probably meant, where that is asked
     slower: FloatProperty()  # type: ignore[valid-type]  # speed of a plan that slows everything and so loses its end; else 0
@@ -274,14 +294,16 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     )
 
 
-CLASSES = (*fields.CLASSES, F4X_PG_edit, F4X_PG_name, F4X_PG_reading, F4X_PG_scene)
+CLASSES = (*fields.CLASSES, F4X_PG_edit, F4X_PG_name, F4X_PG_reading, F4X_PG_scene, F4X_PG_typed)
 
 
 def register() -> None:
-    """Hang the group on objects; only roots use it."""
+    """Hang the groups on objects, of which only roots use it, and on the window manager."""
     bpy.types.Object.f4x = PointerProperty(type=F4X_PG_scene)
+    bpy.types.WindowManager.f4x = PointerProperty(type=F4X_PG_typed)
 
 
 def unregister() -> None:
     """Undo `register`."""
+    del bpy.types.WindowManager.f4x
     del bpy.types.Object.f4x

@@ -1,13 +1,22 @@
-"""Questions about a scene."""
+"""Questions about a scene; for Blender in a process of its own, whose Python needs numpy alone where no model is to answer.
+
+python -m f4x_core.app.asking REQUEST.json
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import sys
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from ..edit.apply import edited
+from ..edit.apply import edited, open_with
 from ..edit.resolve import named
+from ..edit.stack import EditStack
+from ..errors import F4xError
 from ..geometry.trajectory import Trajectory, original
+from ..processes import LineProgress, serve
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.engines import Engines
@@ -50,3 +59,49 @@ def ask(
     engines = Engines(options.server, encoder(progress), backend, progress)
     names = named(scene, options.selection)
     return answer(scene, question, options.views, engines, names=names, agreed=options.agreed)
+
+
+@dataclass(frozen=True)
+class AskRequest:
+    """A question, and the scene that it is about as Blender shows it."""
+
+    scene: str
+    """Path of a scene or splat file."""
+    edits: str
+    """JSON of the stack in place of its own."""
+    question: str
+    selection: dict[str, Any] | None
+    """JSON of the selection that "it" means."""
+
+    def write(self, path: Path) -> None:
+        """Write it for the child."""
+        path.write_text(json.dumps(asdict(self)), encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: Path) -> AskRequest:
+        """Read what `write` wrote."""
+        return cls(**json.loads(path.read_text(encoding="utf-8")))
+
+    def answer(self, progress: Progress) -> Answer:
+        """Answer it; see `ask`."""
+        scene = open_with(Path(self.scene), EditStack.from_json(json.loads(self.edits), self.scene))
+        selected = None if self.selection is None else Selection.from_json(self.selection)
+        return ask(
+            scene, self.question, AskOptions(selected, server=ChatServer.from_environment(None)), progress=progress
+        )
+
+
+def main(arguments: list[str]) -> int:
+    """Answer the question of a request, and report the progress."""
+
+    def work(progress: LineProgress) -> tuple[dict[str, Any], str]:
+        if len(arguments) != 1:
+            raise F4xError("name one file: python -m f4x_core.app.asking REQUEST.json")
+        found = AskRequest.read(Path(arguments[0])).answer(progress)
+        return {"answer": found.text, "answered_by": found.answered_by}, f"[{found.answered_by}] {found.text}"
+
+    return serve(work)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

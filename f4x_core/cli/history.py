@@ -8,9 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from ..edit.apply import with_operations
-from ..edit.bake import bake
+from ..edit.bake import bake, unfolded
 from ..edit.description import SCENE_AXES, describe
-from ..edit.operations import Name
 from ..edit.plan_lines import as_seen
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo
 from ..errors import F4xError
@@ -63,17 +62,17 @@ def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(f"{args.scene}: it has no edits to fold in; copy the file.")
     baked = bake(scene)
     write_scene(baked, args.output)
-    unfolded = [edit for edit in of(baked).edits if not isinstance(edit.operation, Name)]
-    names = len(of(baked)) - len(unfolded)
+    left = unfolded(baked)
+    names = len(of(baked)) - len(left)
     folded = len(baked.provenance.get("baked", ())) - len(scene.provenance.get("baked", ()))
     rest = ""
-    if unfolded:
-        staying = [edit.operation.TAG for edit in unfolded] + [f"{names} {plural('name', names)}"] * bool(names)
+    if left:
+        staying = [edit.operation.TAG for edit in left] + [f"{names} {plural('name', names)}"] * bool(names)
         rest = f"; these stay in the stack: {', '.join(staying)}: {_why_not_folded(scene)}"
     return {
         "output": str(args.output),
         "folded": folded,
-        "left": len(unfolded),
+        "left": len(left),
         "static": len(baked.static),
         "dynamic": len(baked.dynamic),
         "text": f"{args.output}: {count_of(folded)} folded in{rest}",

@@ -10,6 +10,7 @@ import numpy as np
 from ..app.selecting import read_selection, select
 from ..edit.apply import edited, open_scene
 from ..edit.bake import bake
+from ..edit.meshing import advising
 from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..language.lexicon import plural
@@ -32,8 +33,9 @@ def run_mesh(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if args.time is not None:
         require_time(scene, args.time, f"--time {args.time:g}")
     ids = _ids_of(scene, args, progress)
-    scene = edited(bake(scene)) if scene.edits else scene
-    mesh = mesh_of(scene, np.isin(scene.ids, ids), args.time, config, progress)
+    with advising(scene):
+        scene = edited(bake(scene)) if scene.edits else scene
+        mesh = mesh_of(scene, np.isin(scene.ids, ids), args.time, config, progress)
     args.output.parent.mkdir(parents=True, exist_ok=True)
     write_gltf_mesh(scene, mesh, args.output)
     return _told(scene, mesh, args)

@@ -57,6 +57,11 @@ def bake(scene: Scene) -> Scene:
     return with_look(baked, fitted_look(alike) if same and alike.edits == baked.edits else None)
 
 
+def unfolded(baked: Scene) -> list[Edit]:
+    """Return the edits that `bake` had to leave in the stack; names, which stay by right, are not among them."""
+    return [edit for edit in of(baked).edits if not isinstance(edit.operation, Name)]
+
+
 def _bake(scene: Scene) -> Scene:
     """The scene with its edits folded in; those that no arrays can hold stay in the stack, and names too.
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -18,8 +20,10 @@ from ..errors import F4xError
 from ..language.lexicon import plural
 from ..processes import LineProgress, serve
 from ..progress import Progress
-from ..scene.mesh import MeshConfig, SplatMesh, mesh_of
+from ..scene import Scene
+from ..scene.mesh import MeshConfig, NoNodeError, SplatMesh, mesh_of
 from .apply import open_with
+from .bake import bake, unfolded
 from .stack import EditStack
 
 
@@ -55,7 +59,21 @@ class Request:
         progress("scene", 0, 1)
         stack = EditStack.from_json(json.loads(self.edits), str(self.scene))
         scene = open_with(self.scene, stack)
-        return mesh_of(scene, np.isin(scene.ids, self.ids), self.time, self.config, progress)
+        with advising(scene):
+            return mesh_of(scene, np.isin(scene.ids, self.ids), self.time, self.config, progress)
+
+
+@contextmanager
+def advising(scene: Scene) -> Iterator[None]:
+    """Complete the error of a mesh whose Gaussians no node carries: bake the edits of `scene`, or do without those that stay."""
+    try:
+        yield
+    except NoNodeError as error:
+        left = ", ".join(sorted({edit.operation.TAG for edit in unfolded(bake(scene))}))
+        advice = "`f4x bake` the scene and make the mesh of the new one"
+        if left:
+            advice = f"`f4x bake` would leave these edits as they are: {left}; take them back first (`f4x undo`)"
+        raise F4xError(f"{error}; {advice}.") from error
 
 
 def main(arguments: list[str]) -> int:

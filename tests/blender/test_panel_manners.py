@@ -160,7 +160,7 @@ ops.add_handles(count=2); note("handles")
 handle = bpy.data.objects["tiny handle 00"]
 handle.location.x += 0.3; note("handle moved")
 noted["members"] = len(handle.children)
-noted["job"] = refused(ops.ask_scene, question="What moves?")
+noted["job"] = refused(ops.render_film)
 ops.write_motion(); note("written")
 ops.save_edits()
 bpy.context.scene.frame_set(2, subframe=0.5); note("between frames")

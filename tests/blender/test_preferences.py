@@ -137,7 +137,7 @@ context = SimpleNamespace(region=SimpleNamespace(width=300), preferences=SimpleN
 runner._jobs.append(started[1])  # with a window it stays in the list
 runner.draw_job(drawn, context, started[1])
 runner.dismiss(started[1])
-assert "--yes" in started[1].error and "--yes" not in str(body.mock_calls)
+assert "--yes" not in started[1].error + str(body.mock_calls)
 assert ops.ask_scene(question=started[1].instead) == {"FINISHED"}
 assert "square" in started[2].text and body.operator().question == started[1].instead == "where is the square"
 assert "no-teacher" in refused(ops.add_features, teachers="no-teacher")
@@ -153,6 +153,30 @@ assert "does not exist" in refused(ops.fit_clip, filepath=str(folder / "nowhere.
     perform(tmp_path, START + code)
     exported, scene = read_ply(tmp_path / "three.ply"), labelled_scene()
     assert np.abs(exported.means - scene.posed(3.0).means).max() < 1e-5
+
+
+def test_a_question_needs_no_worker_and_no_saving(tmp_path):
+    """Blender's own Python answers, for the scene as it is seen: with edits that are in no file, and nodes that were moved."""
+    write_scene(labelled_scene(), tmp_path / "labelled.f4x")
+    code = """
+from feature4x.addon.jobs.preferences import find_interpreter
+from feature4x.f4x_core.edit.operations import Delete
+from feature4x.f4x_core.edit.selects import Moving
+assert find_interpreter() is None
+ops.import_scene(filepath=str(folder / "labelled.f4x"))
+started, start = [], runner.start
+runner.start = lambda job: (started.append(job), start(job))
+assert ops.ask_scene(question="What moves?") == {"FINISHED"}
+assert started[0].interpreter == sys.executable and "square" in started[0].text, started[0].text
+scene_object = SceneObject.of(None)
+scene_object.append(Delete(Moving()))
+assert not scene_object.is_saved
+assert ops.ask_scene(question="What moves?") == {"FINISHED"}
+assert "Nothing moves" in started[1].text, started[1].text
+told = refused(ops.ask_scene, question="where is the unicorn?")
+assert "unicorn" in told and "[F4X-" in told and "[F4X-INSTALL]" not in told, told
+"""
+    perform(tmp_path, START + code)
 
 
 def test_a_job_that_ends_leaves_what_is_being_worked_on(tmp_path):

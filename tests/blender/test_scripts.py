@@ -56,6 +56,23 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 door.end()
 """
 
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""First bytes of a compressed .blend."""
+# What a person finds who opens a .blend and presses F12.
+F12 = """
+import sys; sys.path.insert(0, sys.argv[1])
+import door; door.end_at_errors()
+import bpy, json
+door.start_blender()
+bpy.ops.wm.open_mainfile(filepath=sys.argv[2])
+scene = bpy.context.scene
+scene.render.filepath = sys.argv[3]
+bpy.ops.render.render(write_still=True)
+space = next(area.spaces.active for area in bpy.context.window.screen.areas if area.type == "VIEW_3D")
+print(json.dumps([scene.render.engine, scene.camera.name, space.shading.type, space.region_3d.view_perspective]))
+door.end()
+"""
+
 
 def python(*command: str) -> subprocess.CompletedProcess:
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
@@ -104,9 +121,23 @@ def test_query_selects_as_the_core_does(scene, tmp_path):
     assert "end it in .blend" in refused("import_scene.py", scene, tmp_path / "out.txt")
 
 
+def test_what_import_leaves_is_seen_and_rendered_as_the_core_draws_it(scene, tmp_path):
+    """F12 in the .blend needs no settings first: the engine, the clip's camera and the viewport are those of a window's import."""
+    run("import_scene.py", scene, tmp_path / "shot.blend")
+    assert (tmp_path / "shot.blend").read_bytes()[:4] == ZSTD
+    done = python("-c", F12, SCRIPTS, tmp_path / "shot.blend", tmp_path / "f12.png")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == ["FEATURE4X", "labelled camera", "RENDERED", "CAMERA"]
+    clip = read_scene(scene)
+    picture = cv2.imread(str(tmp_path / "f12.png"))[..., ::-1]
+    assert np.abs(picture / 255 - render(clip, clip.cameras[0], 0.0)["rgb"]).max() < 1.01 / 255
+
+
 def test_edit_is_that_of_the_command_line(scene, tmp_path):
     result = run("edit_scene.py", scene, "--say", "make the square green", "-o", tmp_path / "green.f4x")
-    assert len(result["edits"]) == 1 and result["gaussians"][0] > 0
+    [line] = result["edits"]
+    assert line.startswith("make the square green (") and line.endswith("% of the scene's Gaussians)")
+    assert result["gaussians"][0] > 0
     done = python("-m", "f4x_core", "edit", scene, "--say", "make the square green", "-o", tmp_path / "core.f4x")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "green.f4x").read_bytes() == (tmp_path / "core.f4x").read_bytes()

@@ -173,3 +173,38 @@ def test_the_documentation_comes_as_pages_whose_links_lead_somewhere(tmp_path):
     )
     assert "A &amp; B</h1>" in page and "<li><b>one</b> x <code>&lt;b&gt;</code>" in page
     assert page.count("<td>") == 4 and "href" not in page
+
+
+def test_what_other_engines_draw_of_gaussians_is_said_where_they_draw_none(folder):
+    script = """
+from unittest.mock import MagicMock
+from walk_checks import _Context
+from feature4x.addon.ui import panel
+
+def lines(engine, splats):
+    bpy.context.scene.render.engine, panel.draws_splats = engine, lambda: splats
+    drawn = MagicMock()
+    panel.F4X_PT_scene.draw(MagicMock(layout=drawn), _Context())
+    return str(drawn.mock_calls)
+
+for engine, splats in (("CYCLES", False), ("CYCLES", True), ("FEATURE4X", False)):
+    noted[f"{engine} {splats}"] = "draws balls" in lines(engine, splats)
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted == {"CYCLES False": True, "CYCLES True": False, "FEATURE4X False": False}
+
+
+def test_what_is_typed_is_the_active_scenes_and_no_step_of_undo_of_its_own(folder):
+    """Blender makes no steps of fields of a window manager; the operator's step has what was typed."""
+    script = """
+typed = bpy.context.window_manager.f4x
+noted["owner"] = typed.id_data.id_type
+typed.text, typed.sentence, typed.negatives = "square", "make it red", "wall"
+noted["kept"] = [state.text, state.sentence, state.negatives]
+bpy.context.view_layer.objects.active = None
+bpy.data.objects.remove(root())
+typed.text = "nothing is there"
+noted["none"] = [typed.text, typed.sentence]
+"""
+    noted, _ = perform(folder, START + script.replace("root()", "state.id_data"))
+    assert noted == {"owner": "WINDOWMANAGER", "kept": ["square", "make it red", "wall"], "none": ["", ""]}

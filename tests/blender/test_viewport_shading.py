@@ -1,5 +1,7 @@
 """The pictures of viewports: a saved .blend opens as it was seen, and *Show Picture* is there wherever it is not."""
 
+import numpy as np
+
 from .artist import perform
 
 START = """
@@ -88,3 +90,21 @@ noted["empty"] = button()
     noted, _ = perform(tiny_folder, START + script)
     words = [["f4x.show_picture", None]]  # its own label
     assert noted == {"solid": words, "cycles": words, "shown": [], "empty": []}
+
+
+def test_the_cameras_picture_fills_the_free_part_of_a_viewport(tmp_path):
+    """Blender draws the picture `factor` times as large as the region, moved by twice the offset times that."""
+    script = """
+from feature4x.addon.render.viewport import FILLED, framing
+region = (1148, 870)
+for zoom, free in ((0.0, (40, 0, 865, 800)), (25.0, (0, 0, 500, 870)), (-10.0, (300, 100, 1148, 300))):
+    factor = ((zoom / 50 + 2**0.5) / 2) ** 2
+    sides = np.array([1148, 646]) * factor
+    new, offset = framing(zoom, sides, free, region)
+    larger = ((new / 50 + 2**0.5) / 2) ** 2
+    drawn, middle = np.array([1148, 646]) * larger, np.array(region) / 2 - 2 * larger * np.array(offset) * region
+    room = np.subtract(free[2:], free[:2])
+    noted[str(zoom)] = [*(middle - np.add(free[:2], free[2:]) / 2), (drawn / room).max() - FILLED]
+"""
+    noted, _ = perform(tmp_path, script)
+    assert len(noted) == 3 and np.abs(list(noted.values())).max() < 1e-6

@@ -14,15 +14,17 @@ from shapes import CENTRE, RADIUS, box, carried_sphere, discs, sphere, static_sc
 
 from f4x_core.cli import main
 from f4x_core.edit.apply import open_scene
-from f4x_core.edit.operations import Transform
+from f4x_core.edit.meshing import Request
+from f4x_core.edit.operations import Freeze, Transform
 from f4x_core.edit.selects import Moving
 from f4x_core.edit.stack import EditStack, write_stack
 from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.splats import Splats
+from f4x_core.progress import silent
 from f4x_core.query.selection import Selection, fingerprint
 from f4x_core.scaffold.deformation import node_poses_at
-from f4x_core.scene import write_scene
+from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.formats.gltf_mesh import write_gltf_mesh
 from f4x_core.scene.mesh import MeshConfig, carried, deviation, mesh_of
 from f4x_core.scene.mesh.build import widest_time
@@ -340,6 +342,20 @@ def test_words_and_pixels_select(tmp_path, capsys):
         code, result = f4x(capsys, "mesh", tmp_path / "scene.f4x", "-o", tmp_path / "a.glb", *some)
         assert code == 0, result
         assert result["size"] == pytest.approx(size, rel=0.15) if size else result["size"] > 1
+
+
+def test_what_to_do_about_edits_that_no_node_follows(scene_file, tmp_path, capsys):
+    """Baking is advised where it helps, and never by the command that has just baked."""
+    move, freeze = Transform(Moving(), translate=(0.0, 1.0, 0.0), frames=(0.0, 5.0)), Freeze(Moving(), 2.5)
+    ids = read_scene(scene_file).ids[read_scene(scene_file).moving]
+    for operation, advice in ((move, "`f4x bake` the scene"), (freeze, "would leave these edits as they are: freeze")):
+        stack = EditStack().append(operation)
+        request = Request(scene_file, json.dumps(stack.to_json()), ids, 0.0, COARSE)
+        with pytest.raises(F4xError, match=advice):
+            request.made(silent)
+    write_stack(scene_file, stack)
+    code, result = f4x(capsys, "mesh", scene_file, "-o", tmp_path / "a.glb")
+    assert code == 2 and "freeze; take them back first (`f4x undo`)" in result["error"]
 
 
 def test_edits_that_nodes_do_not_make_are_baked_or_refused(scene_file, tmp_path, capsys):

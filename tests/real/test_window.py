@@ -38,6 +38,12 @@ def window(blender_root, tmp_path_factory) -> tuple[Path, dict]:
     return folder, {name.partition("_")[2]: state for name, state in steps.items()}
 
 
+def test_the_clips_picture_is_seen_whole_beside_the_sidebar(window):
+    _, steps = window
+    left, right, sidebar = steps["queried"]["room"]  # the sidebar opens after the import
+    assert 0 < left < right < sidebar and right - left > 0.8 * sidebar
+
+
 def test_query_recolour_undo_redo_and_save(window):
     folder, steps = window
     square = labelled_scene().dynamic

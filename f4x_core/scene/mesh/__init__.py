@@ -4,7 +4,7 @@
 all of that. numpy alone, because Blender's own Python does it too.
 """
 
-from .build import MeshConfig, SplatMesh, mesh_of
+from .build import MeshConfig, NoNodeError, SplatMesh, mesh_of
 from .skin import Skin, carried, deviation
 
-__all__ = ["MeshConfig", "Skin", "SplatMesh", "carried", "deviation", "mesh_of"]
+__all__ = ["MeshConfig", "NoNodeError", "Skin", "SplatMesh", "carried", "deviation", "mesh_of"]

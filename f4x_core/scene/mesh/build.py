@@ -97,6 +97,10 @@ class SplatMesh:
         return cls(**{**arrays, "parts": int(arrays["parts"])}, skin=made)
 
 
+class NoNodeError(F4xError):
+    """Edits move Gaussians as no node does; the sentence lacks its end, what to do about it."""
+
+
 def mesh_of(
     scene: Scene,
     chosen: np.ndarray,
@@ -107,7 +111,7 @@ def mesh_of(
     """Return the mesh around the Gaussians `chosen (N,) bool` of `scene.posed`, as they are at clip time `time`.
 
     None is the time at which they are spread the widest. Raises F4xError for fewer than `MIN_GAUSSIANS` visible Gaussians, where
-    nothing is opaque enough, and where edits move them as no node does (bake those first).
+    nothing is opaque enough, and NoNodeError where edits move them as no node does.
     """
     config = config or MeshConfig()
     time = widest_time(scene, chosen) if time is None else time
@@ -153,7 +157,7 @@ def widest_time(scene: Scene, chosen: np.ndarray) -> float:
 
 
 def _carriers(scene: Scene, rows: np.ndarray, posed: PosedSplats) -> Carriers:
-    """Return the nodes and weights of the Gaussians `rows` of `scene.posed`. F4xError where an edit moves them as no node does."""
+    """Return the nodes and weights of the Gaussians `rows` of `scene.posed`. NoNodeError where an edit moves them otherwise."""
     dynamic = scene.dynamic
     own = scene.origin[rows] - len(scene.static)
     follows = own >= 0
@@ -167,9 +171,7 @@ def _carriers(scene: Scene, rows: np.ndarray, posed: PosedSplats) -> Carriers:
             dynamic.strength[kept],
         )
     if scene.base is not scene and (led := _led_astray(scene, rows, follows)):
-        raise F4xError(
-            f"edits move {led:,} of the selected Gaussians as no node does; `f4x bake` the scene and make the mesh of the new one."
-        )
+        raise NoNodeError(f"edits move {led:,} of the selected Gaussians as no node does")
     return Carriers(posed.means, posed.opacities, node, weight, strength)
 
 
