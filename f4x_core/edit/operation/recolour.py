@@ -161,13 +161,13 @@ class Recolour(Dye):
     def sentences(cls) -> Sentences:
         from .. import english as say
 
-        quality = say.Quality(
+        light = say.Quality(
             _brighter, "brighter|lighter", "darker|dimmer|gloomier", much="bright|light", little="dark|dim",
             noun="brightness|light|lights|lighting|illumination|luminance|lightness|luminosity|glare",
             lack="darkness", up="brighten", down="darken", excess="glaring", dearth="murky|gloomy|dim", too="shiny", too_little="black|shadowy", wished=True,
         )  # fmt: skip
         exposure = say.Quality(
-            graded(exposed, lambda degree: (2.0**degree.share, 2.0**-degree.share)), more="", less="", much="exposed", little="",
+            graded(exposed, lambda degree: (2.0**degree.share, 2.0**-degree.share)), more=light.more, less=light.less, much="exposed", little="",
             noun="exposure|gain", excess="overexposed|blown out", dearth="underexposed",
         )  # fmt: skip
         hue = say.command(
@@ -184,7 +184,7 @@ class Recolour(Dye):
             keeps="[keeps|keep|retains|stays|stay|remains|remain|has|have] (its|their|his|her) [color|colors|colored|in color]|in "
             "(full|its) [color|colors]|colored",
         )  # fmt: skip
-        light = say.command(
+        lifted = say.command(
             "lift the dog by half a stop", lambda way, by: exposed(factor(by, way)), "way by",
             verb="![add|adds|adding|added] [{set,become,apply}]",
             way={
@@ -204,7 +204,7 @@ class Recolour(Dye):
             verb="{=fade/dissolve/dip/go/fade out/fade slowly}",
             rgb="[to|into|out to|down to] (a|solid|pure|full|total|complete) <colour>",
         )  # fmt: skip
-        return say.Sentences((hue, tint, rest, light, fade), (quality, exposure), *_colors(), early=(stops,))
+        return say.Sentences((hue, tint, rest, lifted, fade), (light, exposure), *_colors(), early=(stops,))
 
 
 def exposed_by(by: float, way: bool = True) -> Value:
