@@ -32,7 +32,7 @@ from ..language.refusal import Mismatch, Refusal
 from ..language.times import Span, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .commands import ADDS_NOTHING, COMMANDS
-from .english import AGAIN, LEVEL, REMARK, TOPIC, Command
+from .english import ABOUT_OTHERS, LEVEL, REMARK, TOPIC, Command
 from .phrases import besides, known_thing, spares, thing
 
 
@@ -229,7 +229,7 @@ def _commands(found: Found) -> bool:
 
 def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     """Return True if the values of a command go together."""
-    if command.make in (REMARK, AGAIN, LEVEL):
+    if command.make in ABOUT_OTHERS:
         return not {"nothing", "when"} <= filled.keys()  # "and let it run again at second 2" asks for something
     with suppress(Refusal, Mismatch):
         command.make(**arguments(filled))

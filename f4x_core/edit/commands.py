@@ -151,8 +151,8 @@ _nouns = table(
 )
 """A quality, and whether the noun is of it or of what it lacks."""
 _quality_noun = _say(
-    "(punch|oomph|bite|kick|pop|boost) (the|a|'s|some|of|in|to|with [the|its|his|her|their]) ((the) (overall|whole|entire|general)) "
-    "<_nouns> (level|value|slider|amount|setting)"
+    "(punch|oomph|bite|kick|pop|boost) (the|a|'s|some|of|in|to|with [the|its|his|her|their]) "
+    "((the) (overall|whole|entire|general)) <_nouns> (level|value|slider|amount|setting)"
 )
 _way = table(
     {
@@ -286,7 +286,7 @@ COMMANDS: list[Command] = [
     *(one for kind in SENTENCES for one in kind.early),
     command(
         "make the dog red", as_given, "values", verb=_becoming, values=listed(_quality, _joined), who=whom | about
-        + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint|light|lighting"),
+        + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint|light"),
         light="(the|its|their|a) [key|fill|rim|back|side|top|main|ambient|overall] [light|lights|lighting]",
     ),
     command(

@@ -57,6 +57,10 @@ def LEVEL() -> Value:  # likewise for the quality that is complained of
     raise Mismatch
 
 
+ABOUT_OTHERS = (REMARK, AGAIN, LEVEL)
+"""What makes nothing by itself."""
+
+
 @dataclass(frozen=True)
 class Use:
     """Forms of a command besides its full one."""
@@ -199,8 +203,10 @@ class Remedy:
 
     changed: Graded
     upward: bool
+    """More of it helps."""
 
     def __call__(self, who: SelectKind, when: When, context: SentenceContext) -> Change:
+        """Make the usual change."""
         return self.changed(None, self.upward)(who, when, context)
 
 

@@ -48,7 +48,7 @@ from .change import Change
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .commands import COMMANDS
 from .description import in_words
-from .english import AGAIN, LEVEL, REMARK, TOPIC, Command, Remedy, as_given
+from .english import ABOUT_OTHERS, AGAIN, LEVEL, REMARK, TOPIC, Command, Remedy, as_given
 from .phrases import SentenceContext, When, several_placed, together
 from .refusals import NO_EDIT, UNCLEAR, UNSURE, reason_of
 from .request import Request
@@ -390,7 +390,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Clause | None:
         context.last, context.they = then.last, then.they
         if isinstance(context.last, Named) and context.last.name in then.copies:
             context.last = next(reversed([*context.earlier]), then.copies[context.last.name])
-    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN)]
+    done = [clause for clause in _levelled(clauses) if clause.command.make not in ABOUT_OTHERS]
     return done[-1] if done else None
 
 
@@ -516,13 +516,17 @@ def _levelled(clauses: Clauses) -> list[Clause]:
         slots = clause.slots
         if "excess" in slots:
             quality, of_it = slots["quality"]
-            clause = clause._replace(slots={**slots, "complaint": Remedy(quality.changed, slots["excess"] is not of_it)})
+            clause = clause._replace(
+                slots={**slots, "complaint": Remedy(quality.changed, slots["excess"] is not of_it)}
+            )
         elif clause.command.make is LEVEL:
             complained = done.pop().slots
             remedy = complained["complaint"]
             if not isinstance(remedy, Remedy) or remedy.upward is not slots["up"]:
                 raise Refusal("It is not said what is to become more or less; say for example '20 % darker'.")
-            own = {name: value for name, value in {**slots, **complained}.items() if name in OF_ALL}
+            own = {
+                name: value for name, value in {**slots, **complained}.items() if name in OF_ALL and value is not None
+            }
             values = {"values": remedy.changed(slots["how"], remedy.upward)}
             clause = clause._replace(command=_VALUE, slots={**own, **values})
         done.append(clause)
@@ -660,7 +664,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
         about_there(f"'{command.example}'", "", named or there)[1:-1]
         for command in COMMANDS
         if (needed := command.needed - {"who"})
-        and command.make not in (REMARK, AGAIN)
+        and command.make not in ABOUT_OTHERS
         and matches_of(command.slots, needed, reading)
         and (not there or len({*_EXAMPLE_THING.findall(command.example)}) <= len(named or there))
     ]

@@ -883,8 +883,8 @@ _spared_after = (
     keyword("'s (own) [color|colors]") | untouched | keyword(f"out|there|behind|in [the|this] [{PICTURE}|plate]")
 )
 _besides = _say(
-    "(,) [<except> (on|for|in|to|with) [<_union>|<_the_biggest>]|, not (on|for|in|to|with) <_union>|<_union> [excepted|aside|excluded|exempted|not "
-    "included|left out|being left out]]",
+    "(,) [<except> (on|for|in|to|with) [<_union>|<_the_biggest>]|, not (on|for|in|to|with) <_union>|"
+    "<_union> [excepted|aside|excluded|exempted|not included|left out|being left out]]",
     **{"except": keyword(_EXCEPT)},
 )
 _over = here(

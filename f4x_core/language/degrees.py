@@ -40,7 +40,7 @@ class Amount(NamedTuple):
     """An amount of a change."""
 
     kind: str
-    """One of `DEGREES`; `times` more, a `fraction` more; `stops` of light; `as`: so many times as much; `to` a value in its own unit."""
+    """One of `DEGREES`; `times` or a `fraction` more; so many `stops` of light; `as`: so many times as much; `to` a value."""
     value: float = 1.0
     """Of the last five."""
 

@@ -164,11 +164,12 @@ class Recolour(Dye):
         light = say.Quality(
             _brighter, "brighter|lighter", "darker|dimmer|gloomier", much="bright|light", little="dark|dim",
             noun="brightness|light|lights|lighting|illumination|luminance|lightness|luminosity|glare",
-            lack="darkness", up="brighten", down="darken", excess="glaring", dearth="murky|gloomy|dim", too="shiny", too_little="black|shadowy", wished=True,
+            lack="darkness", up="brighten", down="darken", excess="glaring", dearth="murky|gloomy|dim",
+            too="shiny", too_little="black|shadowy", wished=True,
         )  # fmt: skip
         exposure = say.Quality(
-            graded(exposed, lambda degree: (2.0**degree.share, 2.0**-degree.share)), more=light.more, less=light.less, much="exposed", little="",
-            noun="exposure|gain", excess="overexposed|blown out", dearth="underexposed",
+            graded(exposed, lambda degree: (2.0**degree.share, 2.0**-degree.share)), light.more, light.less, much="exposed",
+            little="", noun="exposure|gain", excess="overexposed|blown out", dearth="underexposed",
         )  # fmt: skip
         hue = say.command(
             "shift the hue of the car to red", hued, "rgb", say.NAMED, say.whose("hue|hues|tone"), verb="{set,become}",
