@@ -518,8 +518,11 @@ def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: E
 
 def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, yes: str) -> str:
     """The sentence about a thing that is not there, after "Yes" or "No" where that is wanted."""
-    _, hint = instead(scene, [sighting.label], encode)
-    what = f"nothing in the scene answers to '{sighting.label}' (best: {sighting.best:.2f}){hint and f'; {hint}'}."
+    if scene.base is not scene and find(scene.base, sighting.label, encode).chosen.any():
+        what = f"an earlier edit hides or removed {_the(sighting)}."
+    else:
+        _, hint = instead(scene, [sighting.label], encode)
+        what = f"nothing in the scene answers to '{sighting.label}' (best: {sighting.best:.2f}){hint and f'; {hint}'}."
     return f"{yes}: {what}" if yes else what[0].upper() + what[1:]
 
 

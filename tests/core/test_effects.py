@@ -80,6 +80,38 @@ def test_an_exception_is_kept_whatever_it_is_of():
     assert np.array_equal(gone, ~head)
 
 
+@pytest.mark.parametrize(
+    ("before", "why"),
+    [
+        ("hide the dog", "hides the dog"),
+        ("make the dog invisible", "hides the dog"),
+        ("keep only the car", "removed the dog"),
+    ],
+)
+def test_of_what_is_no_longer_seen_it_is_said_why(before, why):
+    scene, _ = effect_scene("street")
+    edited = plan.preview(scene, plan.propose(scene, before).chosen)
+    with pytest.raises(Refusal, match=f"an earlier edit {why}") as refusal:
+        plan.propose(edited, "make the dog red")
+    assert refusal.value.nearest == (("show the dog",) if "hides" in why else ())
+    assert "n earlier edit hides or removed the dog" in answer(edited, "where is the dog?").text
+
+
+@pytest.mark.parametrize(
+    ("before", "sentence", "hidden"),
+    [
+        ("hide the dog from second 1 on", "make the dog blue from frame 30 on", True),
+        ("hide the dog from second 1 on", "make the dog blue until frame 30", False),
+        ("fade out the dog in the first second", "blur the dog from second 1.5 on", True),
+        ("hide the dog from second 1 on", "show the dog", False),
+    ],
+)
+def test_a_change_of_what_is_hidden_then_is_noted(before, sentence, hidden):
+    scene, _ = effect_scene("street")
+    edited = plan.preview(scene, plan.propose(scene, before).chosen)
+    assert any("hidden by an earlier edit" in note for note in plan.propose(edited, sentence).notes) is hidden
+
+
 def test_everything_said_before_is_taken_back():
     scene, _ = effect_scene("street")
     edited = scene
