@@ -217,7 +217,10 @@ class Resolver:
         found = self._resolve_node(scene, select, tidy)
         if isinstance(found, Ids) and found is not select:
             words = whom(select)
-            if isinstance(select, Text) and len(select.labels) == 1 and select.labels[0].split()[-1] not in UNCOUNTED:
+            if isinstance(select, Text) and len(select.labels) > 1:
+                each = (replace(select, labels=(label,)) for label in select.labels)
+                words = " and ".join(whom(self._cached(scene, one, tidy)) for one in each)
+            elif isinstance(select, Text) and select.labels[0].split()[-1] not in UNCOUNTED:
                 many = self._count(scene, rows_of(scene, found))
                 words = f"the {many} {plural_of(singular(select.labels[0]))}" if many > 1 else words
             return replace(found, words="".join(filter(str.isprintable, words))[:MAX_WORDS_LENGTH])

@@ -197,7 +197,7 @@ rise: {=jump/rise/leap/climb/hop/ascend/lift/bounce/gain/reach/go/fly/get/move/c
 go-up: [{=leave}] the ground|[get|gets] off the ground|airborne|[{=go/move/get/bob}] up [or|and]
     down|{=rise/climb/ascend/leap/lift off/take off}|[{=go/move/get/come/fly/jump}] [up|upward]|rose|gain in height|gain
     height
-jumps: {=jump/leap/hop/bounce}|[{=leave}] the ground|[get|gets] off the ground|airborne
+jumps: {=jump/leap/hop/bounce}|[{=leave}] the ground|([get|gets]) off the ground|airborne|(up) in [mid|the] air|in midair
 by-how-much: (by) how [much|far]
 comes: come|comes|came
 which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|shade|hue|shades|tint|tone]
@@ -383,7 +383,9 @@ polar enter thing=person: anybody enter
 polar leave thing=person: anybody leave
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
-rise: thing go-up not? | high thing rise move? | high thing highest | by-how-much thing go-up | when thing start? jumps
+polar rise manner=jump: thing jumps not?
+rise manner=jump: when thing start? jumps | high thing jumps | how-long thing jumps
+rise: thing go-up not? | high thing rise move? | high thing highest | by-how-much thing go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move

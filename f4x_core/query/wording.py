@@ -33,6 +33,7 @@ from ..language.lexicon import (
     FUNCTION_WORDS,
     PEOPLE,
     SPELLING,
+    WHICH,
     is_adverb,
     is_slip,
     label_of,
@@ -124,6 +125,8 @@ _NOUNS_TOO = word_set(
     "fly track light path course slide swing drive float stage water floor ground surface hand screen plate sign"
 )
 """… unless an article stands before them …"""
+ONE_OF_SEVERAL = {word: which for words, which in WHICH.items() for word in words.split("|")}
+"""… or that tell which of several a known one behind them is …"""
 _BEFORE = word_set("front back left right top bottom middle other big small large tall moving fast") | COLOURS
 """… or the noun behind them."""
 _NO_ENDING = re.compile(
@@ -185,6 +188,7 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 or end + 1 == label
                 or word in _BEFORE
                 or (first and (word in _NOUNS_TOO or word.endswith("ing")))
+                or (first and word in ONE_OF_SEVERAL and _label_end(reading, end + 1))
                 or (end > start and word == "one")
             ):
                 break
