@@ -10,6 +10,7 @@ from effect_scenes import FRAMES, effect_scene
 from f4x_core.edit import plan
 from f4x_core.edit.plan_lines import plan_lines
 from f4x_core.edit.resolve import EditorState
+from f4x_core.edit.stack import of
 from f4x_core.language.refusal import Refusal
 from f4x_core.query.questions import answer
 from f4x_core.query.selection import Selection, fingerprint
@@ -119,6 +120,9 @@ def test_everything_said_before_is_taken_back():
         edited = plan.preview(edited, plan.propose(edited, sentence).chosen)
     before, after = scene.posed(0.0), edited.posed(0.0)
     assert np.array_equal(before.opacities, after.opacities) and np.array_equal(before.sh, after.sh)
+    again = of(edited).undo()  # all of it is one edit
+    assert [edit.in_effect for edit in again.edits] == [True, True]
+    assert not any(edit.in_effect for edit in again.redo().edits)
 
 
 def test_which_of_several_is_asked_in_a_frame_that_shows_them():
