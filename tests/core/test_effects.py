@@ -1,5 +1,6 @@
 """Sentences by what they do to the Gaussians of made-up scenes whose true objects are known."""
 
+import re
 from dataclasses import replace
 
 import effects
@@ -8,8 +9,11 @@ import pytest
 from effect_scenes import FRAMES, effect_scene
 
 from f4x_core.edit import plan
+from f4x_core.edit.apply import with_operations
+from f4x_core.edit.operations import Transform
 from f4x_core.edit.plan_lines import plan_lines
 from f4x_core.edit.resolve import EditorState
+from f4x_core.edit.selects import Ids
 from f4x_core.edit.stack import of
 from f4x_core.language.refusal import Refusal
 from f4x_core.query.questions import answer
@@ -60,6 +64,33 @@ def test_how_tall_tells_each_of_several_and_what_is_not_known():
     said = answer(effect_scene("street")[0], "how tall is the man").text
     assert "each of 2 from left to right, 0.70 and 0.80 tall" in said and "no metres" in said
     assert "0.24 tall" in answer(effect_scene("street")[0], "how tall is the car").text
+
+
+@pytest.mark.parametrize(
+    ("question", "told"),
+    [
+        ("how big is the left man?", "^The left man is 0.70 tall"),
+        ("which color is the biggest man?", "^The biggest man is green"),
+        ("is the right man bigger than the left man?", "^Yes: the right man is 1.2 times"),
+        ("where is the farthest man?", "^The farthest man is on the right"),
+        ("how many dogs and cats are there?", "^Dog: 1 separate .* Nothing in the scene answers to 'cat'"),
+        ("count the men and the dogs", "^Man: 2 separate .* Dog: 1 separate"),
+        ("when does the dog leap?", "^The dog does not jump"),
+    ],
+)
+def test_questions_tell_one_of_several_count_each_kind_and_know_a_jump(question, told):
+    assert re.search(told, answer(effect_scene("street")[0], question).text)
+
+
+def test_what_goes_up_and_comes_down_jumps():
+    scene, things = effect_scene("street")
+    dog = Ids.of(scene.ids[things["dog"]])
+    up = with_operations(scene, Transform(dog, (0.0, -0.2, 0.0), frames=(8.0, 20.0)))
+    assert "does not jump" in answer(up, "does the dog jump?").text  # it stays up there
+    down = with_operations(up, Transform(dog, (0.0, 0.2, 0.0), frames=(20.0, 32.0)))
+    assert re.search(
+        "^Yes: the dog jumps by 0.20 .* highest at frame (19|20|21)", answer(down, "does the dog jump?").text
+    )
 
 
 def test_without_words_what_moves_is_a_thing_and_all_else_goes_by_gaussian():
