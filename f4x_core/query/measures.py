@@ -27,7 +27,7 @@ MOVES = 0.03
 MIN_RISE = 0.01
 """World units by which a thing must rise for the moments of it to be more than jitter of the fit."""
 JUMPS = 0.15
-"""Part of its height by which a thing that jumps is higher than before and afterwards; a horse over a fence .4, what runs or drives .03."""
+"""Part of its height by which a thing that jumps is higher than before and afterwards: a horse over a fence .4, a car .03."""
 MIN_COLOUR_FRACTION = 0.2
 """Fraction of a thing's surface from which a colour of it is told, and of its Gaussians from which a word for it is."""
 LUMA = np.array([0.2126, 0.7152, 0.0722])
