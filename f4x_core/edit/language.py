@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 from ..errors import F4xError
@@ -499,7 +498,8 @@ def _shared(clauses: Clauses, overall: bool) -> Clauses:
         alone = "who" not in verb.slots and (alike or ("verb" in verb.slots and not verb.command.use.whole))
         if alone and not following.hard and "who" in following.slots:
             shared[at - 1] = verb._replace(slots={**verb.slots, "who": following.slots["who"]})
-    for at, (before, clause) in enumerate(pairwise(shared), 1):
+    for at, clause in enumerate(shared[1:], 1):
+        before = shared[at - 1]
         open_ = clause.command.use.whole and not (clause.hard or overall or {"who", "besides"} & clause.slots.keys())
         if open_ and "who" in before.slots and _of_a_clip(before.command, before.slots):
             shared[at] = clause._replace(slots={**clause.slots, "who": before.slots["who"]})

@@ -119,10 +119,9 @@ def propose(
                 offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))
                 raise Refusal(error.reason, offered).behind(notes) from error
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
-                offered = error.commands
-                raise Refusal(
-                    reason, _offered(sentence, asked, _there(scene)) if offered is None else offered
-                ) from error
+                helps = error.commands
+                near = _offered(sentence, asked, _there(scene)) if helps is None else helps
+                raise Refusal(reason, near) from error
             if notes:
                 raise F4xError(reason) from error
             raise

@@ -84,6 +84,8 @@ def test_half_an_understanding_is_none(sentence):
         ("contrast on the bird is too high, pull it back 10%", ["set the contrast of the bird to 90 %"]),
         ("more contrast on the car, less saturation",
          ["set the contrast of the car to 150 %", "set the saturation of the car to 67 %"]),
+        ("gain 1.1 on the car, gamma 0.9, saturation +5%",
+         ["set the exposure of the car to 110 %", "set the gamma of the car to 0.9", "set the saturation of the car to 105 %"]),
         ("exposure +0.5 on the bird, overall contrast +10%",
          ["raise the exposure of the bird by 0.5 stops", "set the contrast of everything to 110 %"]),
         ("key light warmer on the bird", ["make the bird 50 % warmer"]),
