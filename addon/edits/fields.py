@@ -267,7 +267,7 @@ def _choice(name: str, choices: tuple[str, ...], optional: bool) -> Shown:
 
 def _color(name: str) -> Shown:
     options = {"name": _title(name), "subtype": "COLOR_GAMMA", "size": 3, "default": (1.0, 1.0, 1.0)}
-    options |= {"min": -1.0, "max": 10.0, "soft_min": 0.0, "soft_max": 1.0}
+    options |= {"min": -1.0, "max": 64.0, "soft_min": 0.0, "soft_max": 1.0}
 
     def put(row: Row, value: Any) -> dict[str, Any]:
         return {name: tuple(round(part, DIGITS) for part in value)}

@@ -66,7 +66,7 @@ class Edited:
     @property
     def changes(self) -> bool:
         """True unless all Gaussians stay as they are at the moments of the new edits, and at the clip's first, middle and last."""
-        if not all(edit.operation.ACTS and edit.operation.taken_back is None for edit in self.new):
+        if not all(edit.operation.ACTS and not edit.operation.taken_back for edit in self.new):
             return True  # names and edits that are taken back need not show
         first, last = (float(time) for time in self.after.cameras.times[[0, -1]])
         named = [last if moment is None else float(moment) for edit in self.new for moment in edit.operation.moments]

@@ -202,9 +202,9 @@ class Change(Record):
         return False
 
     @property
-    def taken_back(self) -> int | None:
-        """Id of the earlier edit that it switches off."""
-        return None
+    def taken_back(self) -> tuple[int, ...]:
+        """Ids of the earlier edits that it switches off."""
+        return ()
 
     @property
     def left(self) -> SelectKind | None:

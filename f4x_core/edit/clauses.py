@@ -32,7 +32,7 @@ from ..language.refusal import Mismatch, Refusal
 from ..language.times import Span, span
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .commands import ADDS_NOTHING, COMMANDS
-from .english import AGAIN, REMARK, TOPIC, Command
+from .english import ABOUT_OTHERS, LEVEL, REMARK, TOPIC, Command
 from .phrases import besides, known_thing, spares, thing
 
 
@@ -137,10 +137,13 @@ class Search:
     def _clauses(self, start: int, before: Clause | None) -> dict[int, Found]:
         """The cheapest clause from a word to each later one; the verb may be that of the clause `before`."""
         key = start, id(before and before.command)
+        complained = before and before.command.make is REMARK and before.slots.keys() & {"complaint", "excess"}
         if key in self.at:
             return self.at[key]
         best = self.at[key] = {}
         for order, command, needed, matches in self.commands:
+            if command.make is LEVEL and not complained:
+                continue
             ways: list[dict[str, Any]] = [{}]
             if before and command is before.command and "verb" in command.needed & before.slots.keys():
                 ways.append({"verb": before.slots["verb"]})  # which need not be said again
@@ -226,7 +229,7 @@ def _commands(found: Found) -> bool:
 
 def _can_be_made(command: Command, filled: dict[str, Any]) -> bool:
     """Return True if the values of a command go together."""
-    if command.make in (REMARK, AGAIN):
+    if command.make in ABOUT_OTHERS:
         return not {"nothing", "when"} <= filled.keys()  # "and let it run again at second 2" asks for something
     with suppress(Refusal, Mismatch):
         command.make(**arguments(filled))

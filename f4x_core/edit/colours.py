@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry import spherical_harmonics
+from ..scene.color import linear_from_srgb, srgb_from_linear, srgb_slope
 from .styles import StyleColors
 
 CONES_FROM_LINEAR = np.array(
@@ -47,8 +48,7 @@ MIN_SPREAD = 1e-3
 
 def lab_from_rgb(rgb: np.ndarray) -> np.ndarray:
     """OKLab (…,3) float64 of sRGB (…,3); numbers below 0 count as 0."""
-    rgb = np.maximum(np.asarray(rgb, np.float64), 0)
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    linear = linear_from_srgb(np.maximum(np.asarray(rgb, np.float64), 0))
     return np.cbrt(linear @ CONES_FROM_LINEAR.T) @ LAB_FROM_CONES.T
 
 
@@ -62,8 +62,7 @@ def rgb_from_lab(lab: np.ndarray) -> np.ndarray:
         shown = _is_shown(_linear(lab[odd] * np.concatenate([np.ones_like(factor), factor, factor], 1)))[:, None]
         low, high = np.where(shown, factor, low), np.where(shown, high, factor)
     lab[odd, 1:] *= low
-    linear = np.clip(_linear(lab), 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return srgb_from_linear(np.clip(_linear(lab), 0, 1))
 
 
 def _linear(lab: np.ndarray) -> np.ndarray:
@@ -77,6 +76,16 @@ def _is_shown(linear: np.ndarray) -> np.ndarray:
 def colours_of(sh: np.ndarray) -> np.ndarray:
     """sRGB (n,3) float64 of `sh (n,S,3)` without what depends on the direction; it can leave [0, 1]."""
     return spherical_harmonics.rgb_from_dc(sh[:, 0].astype(np.float64))
+
+
+def exposed(rgb: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """sRGB (n,3) of `rgb (n,3)` with `factor (3,)` times the linear light, and by how much a small difference of color grows (n,3).
+
+    Nothing is clipped at white until a picture is drawn, so that a stop down takes a stop up back.
+    """
+    before = linear_from_srgb(rgb)
+    after = before * factor
+    return srgb_from_linear(after), factor * srgb_slope(after) / srgb_slope(before)
 
 
 def mean_of(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from ..language.verbs import IMPERATIVES, any_form
 from .change import SHOWN
 from .english import (
     AGAIN,
+    LEVEL,
     LIGHT_VERBS,
     NAMED,
     QUALITY_WORDS,
@@ -149,15 +150,18 @@ _nouns = table(
     reserve=False,
 )
 """A quality, and whether the noun is of it or of what it lacks."""
+_quality_noun = _say(
+    "(punch|oomph|bite|kick|pop|boost) (the|a|'s|some|of|in|to|with [the|its|his|her|their]) "
+    "((the) (overall|whole|entire|general)) <_nouns> (level|value|slider|amount|setting)"
+)
 _way = table(
     {
         any_form("more")
         + "|add|adds|adding|give|lend|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|"
-        "greater|" + "|".join(quality.more for quality in QUALITIES if quality.more): True,
-        any_form("less")
-        + "|back|down|downward|less|lower|weaker|minus|-|reduced|fewer|reduction|decrease|"
-        + "|".join(quality.less for quality in QUALITIES if quality.less): False,
-    },
+        "greater": True,
+        any_form("less") + "|back|down|downward|less|lower|weaker|minus|-|reduced|fewer|reduction|decrease": False,
+    }
+    | {words: words for quality in QUALITIES for words in (quality.more, quality.less) if words},
     reserve=False,
 )
 _times_as_much = table(
@@ -179,13 +183,17 @@ _to_value = _say(
 
 def _changed(
     quality: tuple[Quality, bool],
-    way: bool | None = None,
+    way: bool | str | None = None,
     how: Amount | None = None,
     to: float | None = None,
     times: float | None = None,
     level: float | None = None,
 ) -> Value:
     changed, of_it = quality[0].changed, quality[1]
+    if isinstance(way, str):  # "warmer" is no more of the light
+        if way not in (quality[0].more, quality[0].less):
+            raise Mismatch
+        way, of_it = way == quality[0].more, True
     if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
         if (how, to, times) != (None, None, None):
             raise Mismatch
@@ -264,6 +272,11 @@ _complained = either(
 """The target of a complaint."""
 COMMANDS: list[Command] = [
     command(
+        "take it down by 20 %", LEVEL, "up how", NAMED, "it|that|this|them",
+        verb="{=take/bring/knock/pull/push/dial/turn/tone/ease/drop/lift/raise/lower/crank/tame/move/go}",
+        up={"up|more|higher|raise|lift": True, "down|back|less|lower|drop|tame|off": False}, how=amount,
+    ),
+    command(
         "but leave the dog as it is", REMARK, "spared", NAMED, verb="{=leave/keep/let/stay/remain}", spared=untouched
     ),
     command(
@@ -273,16 +286,13 @@ COMMANDS: list[Command] = [
     *(one for kind in SENTENCES for one in kind.early),
     command(
         "make the dog red", as_given, "values", verb=_becoming, values=listed(_quality, _joined), who=whom | about
-        + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint"),
+        + whose("color|colors|coloring|look|appearance|material|texture|finish|paint|paintwork|paint job|shade|tint|light"),
+        light="(the|its|their|a) [key|fill|rim|back|side|top|main|ambient|overall] [light|lights|lighting]",
     ),
     command(
         "increase the contrast of the dog", _changed, "quality", WHOLE,
         whom | literal("its|their|his|her") >> (lambda: lambda context: context.it("'its'")),
-        quality=phrase(
-            "(punch|oomph|bite|kick|pop|boost) (the|a|'s|some|of|in|to|with [the|its|his|her|their]) ((the) (overall|whole|entire|"
-            "general)) <noun> (level|value|slider|amount|setting)", noun=_nouns,
-        ),
-        **_by_how_much,
+        quality=_quality_noun, **_by_how_much,
     ),
     command(
         "darken the sky", _more, "verb",
@@ -301,7 +311,12 @@ COMMANDS: list[Command] = [
                  "the ground|in place|where it is|where they are])",
     ),
     command(
-        "the dog is too dark", REMARK, "complaint", who=_complained,
+        "the contrast of the dog is too high", REMARK, "excess quality", quality=_quality_noun,
+        excess=phrase("(is|are|looks|look|seems|seem|feels|,) (a bit|a little|way|far|much) too <much>", much=table(
+            {"high|strong|much|hard|intense|heavy|big|large": True, "low|weak|little|soft|small": False}, reserve=False)),
+    ),
+    command(
+        "the dog is too dark", REMARK, "complaint", who=~literal("on|in|for") + _complained,
         complaint=phrase(
             "[is|are|'s|looks|look|seems|seem|feels|reads] <rather>|(is|are|'s|looks|look|seems|seem|feels|"
             "reads|comes across as|appears|appear|was|it is|has|have|(is|are) "

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from ..language.colour_names import Colour, name_of
-from ..language.lexicon import PLACES, plural
+from ..language.lexicon import PLACES, plural, singular
 from .change import DIRECTIONS, Change, ChangeWithShadow, Vector
 from .selects import (
     COPY,
@@ -78,8 +78,20 @@ def beside_words(way: Vector) -> str:
 
 def whom_with(operation: ChangeWithShadow) -> str:
     """The selection of an operation in words, with what goes along: "the car with its shadow"."""
-    along = operation.along
-    return whom(operation.select) + (f" with {along.words}" if isinstance(along, Ids) and along.words else "")
+    along, who = operation.along, whom(operation.select)
+    if not (isinstance(along, Ids) and along.words):
+        return who
+    return f"{who} with {_THEIRS.get(along.words, along.words) if are_several(who) else along.words}"
+
+
+_THEIRS = {"its shadow": "their shadows", "its edges": "their edges"}
+
+
+def are_several(who: str) -> bool:
+    """Return True if a selection in words is in the plural: "the 2 dogs"."""
+    first, *words = who.partition(" of frame")[0].split()
+    plural_noun = bool(words) and (words[0].isdigit() or singular(words[-1]) != words[-1])
+    return first in ("the", "both") and (" and " in who or plural_noun)
 
 
 def whom(select: SelectKind) -> str:

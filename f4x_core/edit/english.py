@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..language.amounts import (
     BEFORE_VERBS,
@@ -37,6 +37,10 @@ from .phrases import there_already, thing, two_of_them, who_of, whose
 from .selects import All, SelectKind
 from .values import Given, Graded, Value
 
+if TYPE_CHECKING:
+    from .change import Change
+    from .phrases import When
+
 
 def REMARK() -> Value:  # it stands for what is said and asks for nothing
     """Make nothing: "leave the dog alone"."""
@@ -46,6 +50,15 @@ def REMARK() -> Value:  # it stands for what is said and asks for nothing
 def AGAIN() -> Value:  # likewise for the command before
     """Make what was said before: "do the same with the cat"."""
     raise Mismatch
+
+
+def LEVEL() -> Value:  # likewise for the quality that is complained of
+    """Make more or less of it: "too bright, take it down 20 %"."""
+    raise Mismatch
+
+
+ABOUT_OTHERS = (REMARK, AGAIN, LEVEL)
+"""What makes nothing by itself."""
 
 
 @dataclass(frozen=True)
@@ -178,9 +191,23 @@ class Quality:
     def helps(self, upward: bool) -> Value | None:
         """The value for more or less of it; None where there is none."""
         try:
-            return self.changed(None, upward)
+            self.changed(None, upward)
         except Mismatch:
             return None
+        return Remedy(self.changed, upward)
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """The value against too much or too little of a quality, as much as is usual where nobody says more."""
+
+    changed: Graded
+    upward: bool
+    """More of it helps."""
+
+    def __call__(self, who: SelectKind, when: When, context: SentenceContext) -> Change:
+        """Make the usual change."""
+        return self.changed(None, self.upward)(who, when, context)
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ from .change import Change
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
 from .commands import COMMANDS
 from .description import in_words
-from .english import AGAIN, REMARK, TOPIC, Command
+from .english import ABOUT_OTHERS, AGAIN, LEVEL, REMARK, TOPIC, Command, Remedy, as_given
 from .phrases import SentenceContext, When, several_placed, together
 from .refusals import NO_EDIT, UNCLEAR, UNSURE, reason_of
 from .request import Request
@@ -106,7 +106,8 @@ def parse(
     read = _read(sentence, known, settled)
     if not read.clauses and _first_asked(read.reading.tokens) in _INTERROGATIVES - IMPERATIVES:
         raise Refusal(_A_QUESTION)
-    if reason := reason_of(UNSURE, read.reading):
+    levelled = any(clause.command.make is LEVEL for clause in read.clauses)  # then "it" is no thing
+    if not levelled and (reason := reason_of(UNSURE, read.reading)):
         raise Refusal(reason)
     if request.labels or not read.clauses:
         _ask_about_slips(read, sentence, known, settled)
@@ -388,7 +389,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Clause | None:
         context.last, context.they = then.last, then.they
         if isinstance(context.last, Named) and context.last.name in then.copies:
             context.last = next(reversed([*context.earlier]), then.copies[context.last.name])
-    done = [clause for clause in clauses if clause.command.make not in (REMARK, AGAIN)]
+    done = [clause for clause in _levelled(clauses) if clause.command.make not in ABOUT_OTHERS]
     return done[-1] if done else None
 
 
@@ -396,7 +397,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Clause | Non
     """The operations of clauses; `before`: the command before them."""
     front: Span | None = None
     topics: list[SelectKind] = []
-    for at, clause in enumerate(clauses := _shared(clauses)):
+    for at, clause in enumerate(clauses := _shared(clauses, context.overall)):
         command, piece = clause.command, clause.slots
         if command.make is REMARK and not {"who", "complaint"} & piece.keys():
             continue
@@ -482,9 +483,10 @@ def _made(
     return operations
 
 
-def _shared(clauses: Clauses) -> Clauses:
-    """The clauses: a verb alone is for whom the next names ("darken and blur the sky"), the first for the topic."""
-    shared = list(clauses)
+def _shared(clauses: Clauses, overall: bool) -> Clauses:
+    """The clauses: a verb alone is for whom the next names ("darken and blur the sky"), the first for the topic, and of a list of
+    grades those without a thing for that of the one before ("exposure +0.5 on the dog, contrast +10 %"), if not `overall`."""
+    shared = _levelled(clauses)
     for at, clause in enumerate(shared[1:] if shared and shared[0].command is TOPIC else (), 1):
         if "who" in clause.slots or (clause.hard and at > 1):
             break
@@ -496,7 +498,39 @@ def _shared(clauses: Clauses) -> Clauses:
         alone = "who" not in verb.slots and (alike or ("verb" in verb.slots and not verb.command.use.whole))
         if alone and not following.hard and "who" in following.slots:
             shared[at - 1] = verb._replace(slots={**verb.slots, "who": following.slots["who"]})
+    for at, clause in enumerate(shared[1:], 1):
+        before = shared[at - 1]
+        open_ = clause.command.use.whole and not (clause.hard or overall or {"who", "besides"} & clause.slots.keys())
+        if open_ and "who" in before.slots and _of_a_clip(before.command, before.slots):
+            shared[at] = clause._replace(slots={**clause.slots, "who": before.slots["who"]})
     return tuple(shared)
+
+
+_VALUE = Command("make the dog brighter", as_given, frozenset({"values"}), {})
+
+
+def _levelled(clauses: Clauses) -> list[Clause]:
+    """The clauses; a complaint and by how much it is to change ("too bright, take it down 20 %") are one."""
+    done: list[Clause] = []
+    for clause in clauses:
+        slots = clause.slots
+        if "excess" in slots:
+            quality, of_it = slots["quality"]
+            clause = clause._replace(
+                slots={**slots, "complaint": Remedy(quality.changed, slots["excess"] is not of_it)}
+            )
+        elif clause.command.make is LEVEL:
+            complained = done.pop().slots
+            remedy = complained["complaint"]
+            if not isinstance(remedy, Remedy) or remedy.upward is not slots["up"]:
+                raise Refusal("It is not said what is to become more or less; say for example '20 % darker'.")
+            own = {
+                name: value for name, value in {**slots, **complained}.items() if name in OF_ALL and value is not None
+            }
+            values = {"values": remedy.changed(slots["how"], remedy.upward)}
+            clause = clause._replace(command=_VALUE, slots={**own, **values})
+        done.append(clause)
+    return done
 
 
 def _of_a_clip(command: Command, piece: Mapping[str, Any]) -> bool:
@@ -605,6 +639,7 @@ def _unknown_word(reading: Reading) -> str:
     return ""
 
 
+_NEGATIONS = word_set("no not never without nothing none nobody")
 MOST_FRAMES = 10**6
 """Frames of a clip in which every time of a command lies."""
 MOST_EXAMPLES = 3
@@ -613,10 +648,13 @@ MOST_EXAMPLES = 3
 
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     """Commands of which the sentence says all but for whom, about what it names or else what is `there`; none that removes, or
-    does what the sentence asks for."""
+    does what the sentence asks for; none where something is not to be done, as it would be that.
+    """
     known = _known(tuple(there))
     text, asked = written(sentence), operations_of(sentence, there)
     reading = Reading(text, known, tokenise(text)[:MAX_WORDS])
+    if not _NEGATIONS.isdisjoint(reading.words):
+        return ()
     named = [
         label
         for label in there
@@ -626,7 +664,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
         about_there(f"'{command.example}'", "", named or there)[1:-1]
         for command in COMMANDS
         if (needed := command.needed - {"who"})
-        and command.make not in (REMARK, AGAIN)
+        and command.make not in ABOUT_OTHERS
         and matches_of(command.slots, needed, reading)
         and (not there or len({*_EXAMPLE_THING.findall(command.example)}) <= len(named or there))
     ]

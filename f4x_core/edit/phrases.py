@@ -38,6 +38,7 @@ from ..language.lexicon import (
     PICTURE,
     SETTING,
     TENS,
+    WHICH,
     is_adverb,
     singular,
     word_set,
@@ -579,17 +580,6 @@ _moving_noun = _say(
     "(<_article>) moving <_noun>|[(<_article>) <_noun>|<_everybody>] [that|which|who] [is moving|are moving|"
     "moves|move|is in motion|are in motion]"
 ) >> (lambda noun: lambda context: And((noun(context), Moving())))
-_WHICH = {
-    "left|leftmost|left most|left hand|far left": "left",
-    "right|rightmost|right most|right hand|far right": "right",
-    "top|topmost|upper|uppermost|highest|top most": "top",
-    "bottom|bottommost|lower|lowest|bottom most": "bottom",
-    "middle|central|center|centermost|middlemost": "middle",
-    "nearest|closest|front|frontmost|foremost|nearer|closer|foreground": "nearest",
-    "farthest|furthest|farther|further|back|rear|hind|rearmost|most distant|backmost|hindmost": "farthest",
-    "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
-    "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
-}
 _WHERE = {
     f"[on|at|to|of|in] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
     f"[on|at|to|of|in] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
@@ -610,7 +600,7 @@ _WHERE = {
     f"[farthest|furthest] (away) from [{VIEWER}]|farthest (away)|furthest (away)": "farthest",
 }
 _which, _where = (
-    table(_WHICH),
+    table(WHICH),
     ~keyword("(that|which|who) [is|are|stands|sits] (standing|sitting)|standing|sitting") + table(_WHERE),
 )
 _seen_in = optional(keyword("[of|as of|seen in|seen at] frame") + number)
@@ -883,8 +873,8 @@ _spared_after = (
     keyword("'s (own) [color|colors]") | untouched | keyword(f"out|there|behind|in [the|this] [{PICTURE}|plate]")
 )
 _besides = _say(
-    "(,) [<except> [<_union>|<_the_biggest>]|, not <_union>|<_union> [excepted|aside|excluded|exempted|not "
-    "included|left out|being left out]]",
+    "(,) [<except> (on|for|in|to|with) [<_union>|<_the_biggest>]|, not (on|for|in|to|with) <_union>|"
+    "<_union> [excepted|aside|excluded|exempted|not included|left out|being left out]]",
     **{"except": keyword(_EXCEPT)},
 )
 _over = here(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import F4xError
+from ..geometry.arrays import evenly_spaced
 from ..language.grammar import read_as_meant
 from ..language.refusal import Doubt, Refusal
 from ..query.chat import ChatServer
@@ -35,6 +36,8 @@ MAX_CANDIDATES = 10
 """As many as the paper's; each costs a look-up and a few small pictures."""
 THRESHOLDS = (0.35, 0.65, 0.2, 0.8)
 """Probabilities tried besides the one that was asked for, the likeliest to help first."""
+MOMENTS, UNSEEN = 5, 0.01
+"""Frames at which it is looked whether something is hidden, and the opacity below which it is."""
 AMOUNTS = (0.7, 1.4)
 """Factors of distances and sizes tried where an operation has any."""
 
@@ -116,7 +119,9 @@ def propose(
                 offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))
                 raise Refusal(error.reason, offered).behind(notes) from error
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
-                raise Refusal(reason, _offered(sentence, asked, _there(scene))) from error
+                helps = error.commands
+                near = _offered(sentence, asked, _there(scene)) if helps is None else helps
+                raise Refusal(reason, near) from error
             if notes:
                 raise F4xError(reason) from error
             raise
@@ -213,9 +218,23 @@ def _idle(scene: Scene, operations: tuple[Change, ...]) -> Iterator[str]:
         retimes = operation.time_map(clip) is not None
         if retimes and not scene.fades and not scene.moving[rows_of(scene, operation.select)].any():
             yield f"{describe(operation)}: that stands still already, so nothing changes."
+        elif _is_hidden(scene, operation):
+            yield f"{describe(operation)}: that is hidden by an earlier edit, so it is not seen; show it again, or take that back."
         elif remark := operation.remark(scene):
             yield remark
         scene = with_operations(scene, operation)
+
+
+def _is_hidden(scene: Scene, operation: Change) -> bool:
+    """Return True for a change of what earlier edits hide at all times that it is for."""
+    seen_in_place = operation.SEEN != "nowhere" and not (operation.removes or operation.brings_back)
+    if not seen_in_place or not any(edit.operation.hides for edit in of(scene).in_effect):
+        return False
+    rows, times = rows_of(scene, operation.select), scene.cameras.times
+    first, last = operation.span or (None, None)
+    during = times[(times >= (times[0] if first is None else first)) & (times <= (times[-1] if last is None else last))]
+    looked_at = during[evenly_spaced(len(during), MOMENTS)]
+    return len(rows) > 0 and all(scene.posed(float(time)).opacities[rows].max() < UNSEEN for time in looked_at)
 
 
 def preview(scene: Scene, candidate: Candidate) -> Scene:

@@ -55,8 +55,17 @@ from .which import asked_about, frame_of_most, which_of
 __all__ = ["Absent", "EditorState", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
 
 
+LEFT = 0.1
+"""Fraction of a thing's Gaussians below which it is hidden or removed, whatever edits left at its rim."""
+
+
 class Absent(F4xError):  # noqa: N818  # nothing went wrong
     """No Gaussian of the scene matches the words."""
+
+    def __init__(self, reason: str, commands: tuple[str, ...] | None = None):
+        """`commands`: those that help; None: such as are near what was said."""
+        super().__init__(reason)
+        self.commands = commands
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +217,10 @@ class Resolver:
         found = self._resolve_node(scene, select, tidy)
         if isinstance(found, Ids) and found is not select:
             words = whom(select)
-            if isinstance(select, Text) and len(select.labels) == 1 and select.labels[0].split()[-1] not in UNCOUNTED:
+            if isinstance(select, Text) and len(select.labels) > 1:
+                each = (replace(select, labels=(label,)) for label in select.labels)
+                words = " and ".join(whom(self._cached(scene, one, tidy)) for one in each)
+            elif isinstance(select, Text) and select.labels[0].split()[-1] not in UNCOUNTED:
                 many = self._count(scene, rows_of(scene, found))
                 words = f"the {many} {plural_of(singular(select.labels[0]))}" if many > 1 else words
             return replace(found, words="".join(filter(str.isprintable, words))[:MAX_WORDS_LENGTH])
@@ -312,12 +324,27 @@ class Resolver:
         for label, head in heads.items():
             if names_another(label) and label not in known:
                 raise Absent(unknown_label(scene, label, known, text_head(scene).spec.text_encoder or ""))
-            if (head or self._before is not None) and not meant(head or label).any():
-                raise Absent(self._nothing(scene, replace(text, labels=(head or label,))))
+            if head or self._before is not None:
+                self._refuse_unseen(scene, replace(text, labels=(head or label,), single=()))
+                if not meant(head or label).any():
+                    raise Absent(self._nothing(scene, replace(text, labels=(head or label,))))
         chosen = meant(*text.labels)
         if any(heads.values()):
             chosen = chosen & meant(*(head or label for label, head in heads.items()))
         return np.flatnonzero(chosen)
+
+    def _refuse_unseen(self, scene: Scene, text: Text) -> None:
+        """Raise `Absent` where earlier edits leave next to nothing of what a word means."""
+        if scene.base is scene:
+            return
+        before = self.selection(scene.base, text).chosen
+        if self.selection(scene, text).chosen.sum() >= LEFT * before.sum():
+            return
+        rows, who = np.flatnonzero(before), whom(text)
+        hidden = any(step.edit.operation.hides and step.chosen[rows].any() for step in getattr(scene, "steps", ()))
+        done, back = ("hides", f"say 'show {who}' first") if hidden else ("removed", "take that back")
+        reason = f"In the scene '{scene.name}' an earlier edit {done} {who}; {back}, or name something else."
+        raise Absent(reason, (f"show {who}",) if hidden else ())
 
     def _current(self, scene: Scene) -> Selection:
         if self.context.selection is None:

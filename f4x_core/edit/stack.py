@@ -49,7 +49,7 @@ class Edit:
     @property
     def in_effect(self) -> bool:
         """True if it changes the scene: neither switched off nor there to switch another one off."""
-        return self.enabled and self.operation.taken_back is None
+        return self.enabled and not self.operation.taken_back
 
     def titled(self, number: int) -> str:
         """Return its name in messages as the edit `number` (from 1) of its stack: "edit 3 (recolour)"."""
@@ -118,8 +118,9 @@ class EditStack:
     def append(self, operation: Change, sentence: str = "") -> EditStack:
         """The stack with one more edit, after which there is nothing to redo. Its inverse: `undo`."""
         id = 1 + max((edit.id for edit in (*self.edits, *self.undone)), default=0)
-        if operation.taken_back is not None and not self.edits[self.position(operation.taken_back)].enabled:
-            raise F4xError(f"the edit {operation.taken_back} is switched off already.")
+        for earlier in operation.taken_back:
+            if not self.edits[self.position(earlier)].enabled:
+                raise F4xError(f"the edit {earlier} is switched off already.")
         edit = Edit(operation, id, sentence=sentence[:MAX_SENTENCE_LENGTH])
         return EditStack((*self.edits, edit))._taken_back(edit)
 
@@ -161,9 +162,9 @@ class EditStack:
         return self.remove(id).insert(edit, to)
 
     def _taken_back(self, edit: Edit, back: bool = True) -> EditStack:
-        """With the edit that `edit` takes back switched off, or on again where that is not `back` any more."""
-        named = (other for other in self.edits if other.id == edit.operation.taken_back)
-        return next((self._with(replace(other, enabled=not (back and edit.enabled))) for other in named), self)
+        """With the edits that `edit` takes back switched off, or on again where that is not `back` any more."""
+        off, ids = back and edit.enabled, edit.operation.taken_back
+        return replace(self, edits=tuple(replace(one, enabled=not off) if one.id in ids else one for one in self.edits))
 
     def _with(self, edit: Edit) -> EditStack:
         at = self.position(edit.id)
@@ -197,8 +198,9 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
     renamed: dict[int, int] = {}
     for edit in theirs.edits:
         if edit.id not in was and edit not in ours.edits:
-            if edit.operation.taken_back in renamed:
-                edit = replace(edit, operation=edit.operation.altered(edit=renamed[edit.operation.taken_back]))
+            if not renamed.keys().isdisjoint(edit.operation.taken_back):
+                first, *others = (renamed.get(earlier, earlier) for earlier in edit.operation.taken_back)
+                edit = replace(edit, operation=edit.operation.altered(edit=first, others=tuple(others)))
             taken = [e.id for e in merged.edits]
             if edit.id in taken:
                 renamed[edit.id] = 1 + max(taken)

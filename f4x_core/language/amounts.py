@@ -132,7 +132,7 @@ softly = degree | table(
 )
 """How much of something there is: "very blurry"."""
 _so_many = table({"half a": 0.5, "a|one": 1.0}) | number | fraction
-stops = _say("<_so_many> (of a|a) [stop|stops|f stop|f stops|ev]") >> (lambda x: Amount("times", 2.0**x))
+stops = _say("<_so_many> (of a|a) [stop|stops|f stop|f stops|ev]") >> (lambda x: Amount("stops", x))
 """How light is counted in cameras: each doubles it."""
 _hedge = ~keyword(",") + ~literal(
     "(only|just) [about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly|almost|close to|just "

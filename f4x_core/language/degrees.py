@@ -40,9 +40,9 @@ class Amount(NamedTuple):
     """An amount of a change."""
 
     kind: str
-    """One of `DEGREES`; `times` more, a `fraction` more; `as`: so many times as much; `to` a value in its own unit."""
+    """One of `DEGREES`; `times` or a `fraction` more; so many `stops` of light; `as`: so many times as much; `to` a value."""
     value: float = 1.0
-    """Of the last four."""
+    """Of the last five."""
 
 
 def degree_of(how: Amount | None) -> Degree | None:
@@ -59,6 +59,8 @@ def factor(
     """
     if how is None or how.kind in DEGREES:
         return of(DEGREES[how.kind if how else "usual"])[not upward]
+    if how.kind == "stops":
+        return 2.0 ** (how.value if upward else -how.value)
     if how.kind == "fraction":
         return 1 + how.value if upward else 1 - how.value
     if upward or (how.kind == "times" and 0 < how.value < 1):  # "half smaller" is "half as big"

@@ -350,3 +350,17 @@ FUNCTION_WORDS = word_set(
     "let us s t forget ignore pretend disregard except yes sure hello hi hey thanks sorry"
 )
 """Words that bind others; none is part of a thing's name."""
+
+
+WHICH = {
+    "left|leftmost|left most|left hand|far left": "left",
+    "right|rightmost|right most|right hand|far right": "right",
+    "top|topmost|upper|uppermost|highest|top most": "top",
+    "bottom|bottommost|lower|lowest|bottom most": "bottom",
+    "middle|central|center|centermost|middlemost": "middle",
+    "nearest|closest|front|frontmost|foremost|nearer|closer|foreground": "nearest",
+    "farthest|furthest|farther|further|back|rear|hind|rearmost|most distant|backmost|hindmost": "farthest",
+    "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
+    "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
+}
+"""Words by which one of several is told -> its place or size (`edit.selects.Instance`)."""

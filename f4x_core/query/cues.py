@@ -123,9 +123,6 @@ gone: gone|no longer [<.inside>|there|here|around|visible]|(can|could|do) <.peop
 leave: {=disappear/vanish/go away/go out/exit}|leave|leaves|leaving|(we|you|i) {=lose sight of}|[leave|leaves|leaving]
     (the|this) (<.pictures>)|left (the|this) <.pictures>|[{=exit/go out of/move out of/get out of/drop out of}|<.manner> out of]
     (the|this) (<.pictures>)
-happens-to: [tell|say] me [everything|something|more|all] (you know) about|what [can|could] you [tell|say] (me) about|what do
-    you know about|what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell
-    me|talk] about
 happens: ([describe|summarize|sum up|explain|outline]) what [happens|is happening|goes on|is going on|happened|takes place|is
     taking place|occurs] (here|there|to see)|what [changes|has changed|is changing|is different]|any action|the
     action|anything (interesting) [happening|going on]|anything happens
@@ -134,10 +131,7 @@ described: [describe|summarize|sum up|explain|outline] (what you see)|what (is) 
     (short|brief|quick) [summary|description|overview] (of)|what (can|could) you (can) [tell|say] (me) about [the|this]
     <.clips>
 anybody: [anyone|anybody|someone|somebody] (else)
-several: [is|are] there [one|two|three|four]|[are we looking at|do we have|have we got|do i see] [one|two|three|four]
-    |several|multiple|many|[just|only|more than] one (or more)|one or more|more than one|more|(just|only) a single
 remain: left (over)|remaining
-own: it|them|itself|him|her
 event: (during|in|of|at) <.its> [jump|leap|hop|flight|ride|run|walk|trick|turn|action|maneuver]
 tag: or [not|no|nah|what]|(,) or|[for|in|at|on|to|of|from]|(,) [is|are|does|do|did|was|were|has|have|can] (not)
     [it|he|she|they|there|we|you]
@@ -197,7 +191,7 @@ rise: {=jump/rise/leap/climb/hop/ascend/lift/bounce/gain/reach/go/fly/get/move/c
 go-up: [{=leave}] the ground|[get|gets] off the ground|airborne|[{=go/move/get/bob}] up [or|and]
     down|{=rise/climb/ascend/leap/lift off/take off}|[{=go/move/get/come/fly/jump}] [up|upward]|rose|gain in height|gain
     height
-jumps: {=jump/leap/hop/bounce}|[{=leave}] the ground|[get|gets] off the ground|airborne
+jumps: {=jump/leap/hop/bounce}|[{=leave}] the ground|([get|gets]) off the ground|airborne|(up) in [mid|the] air|in midair
 by-how-much: (by) how [much|far]
 comes: come|comes|came
 which-color: (of|in) [what|which] (for a|main|kind of|sort of|exact|precise) [color|colors|shade|hue|shades|tint|tone]
@@ -225,8 +219,6 @@ first: first|last|(is|are) the [first|last] (one|thing|object) [to|that|which]|e
 start: [<.set-off>|continue|continues|first] (to)
 turn: [{=turn}] (around|round|back|left|right|to the left|to the right|the corner)|[{=change}] (its|his|her|the|their)
     [direction|course|way|directions|heading]|[make|makes|take|takes] a turn
-front: [in|at] (the) (very) [front|foreground]|in the foreground
-back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]
 nearer: closer|nearer|more near
 farther: [farther|further] (away|back)|more distant
 fastest: [at|with|have|has|reach|reaches|attain|attains|hit|hits|get to|gets to] (<.its>) [full|top|max|maximum|highest|peak]
@@ -246,7 +238,6 @@ biggest = smallest: [smaller|tinier|shorter]|(the) [more|most] [small|little|tin
     [smallest|tiniest|shortest|littlest|narrowest] (<.noun>)|the smaller one
 brightest = brightest: (the) (very) [brightest|lightest] (<.noun>)|(the) [brighter|lighter] (one)
 brightest = darkest: (the) (very) [darkest|dimmest] (<.noun>)|(the) [darker|dimmer] (one)
-alone: (all) [alone|lonely]|(all) (by|on) (itself|himself|herself|its own|his own|her own)
 speediest = fastest: (the) [fastest|quickest|speediest] (moving) (<.noun>)|(the) [faster|quicker] (one)
 speediest = slowest: (the) [slowest] (moving) (<.noun>)|(the) slower (one)
 bigger = bigger: (much|the|a lot) <.big-er> (one|in size)|[{=take up/cover/fill/occupy}] (much) more
@@ -330,71 +321,64 @@ CUES = _read(_CUES)
 ROWS = """
 what_is: what-is-it
 frames: frames clip lasts | frames clip? lasts?
-rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort? order? contents? everything? thing? by-what? us? order-by stands? comes? | order-by who comes | order thing?
-    everything? start? move? | order thing? everything? enter | order thing? everything? passes | who enter first thing? |
-    who first start? move thing? | who first set-off
-nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when near-to thing | when
-    thing passes-by | when passes thing
-farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest
-    gap thing
+order: sort? order? contents? everything? thing? by-what? us? order-by stands? comes? | order thing? everything? start?
+    move? | who first start? move thing?
+nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when thing passes-by
+farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair
 highest_moment: when highest thing? move?
 fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
 when_turns: when turn thing start? | thing turn
-@place: any place-of stands? | who place-of stands? | who place thing own stands?
-neighbours: who around-of stands? | who thing around | thing alone stands?
+@place: any place-of stands? | who place-of stands?
+neighbours: who thing around
 between: who pair in-gap? stands? | any pair in-gap? stands?
-relation: where thing place-or stands? | where thing compared-to stands? | thing compared-to stands? | how thing compared-to
-    stands? | thing place-or stands? | who farther-aside thing stands? | who place thing stands?
+relation: where thing place-or stands? | where thing compared-to stands? | thing compared-to stands? | thing place-or
+    stands? | who farther-aside thing stands?
 where: thing sides stands?
 polar relation: thing place-of stands? not?
-distance extreme=max: most-far pair | most-far gap? thing other
-distance extreme=min: thing passes not? | thing passes-by not? | close thing get other | close thing get together | least gap
-    pair | least gap thing other | least thing get other
+distance extreme=max: most-far gap? thing other
+distance extreme=min: close thing get together | least gap pair | least gap thing other
 distance: gap thing other | gap pair | gap thing
-compare_size: by-factor bigger thing other | who bigger thing | who pair bigger | thing bigger versus
-compare_size manner=bigger: sort big thing | big thing versus | big thing compared-to | thing bigger-or other
-compare_speed manner=faster: sort fast thing | fast thing versus | fast thing compared-to move?
+compare_size: by-factor bigger thing other | who bigger thing
+compare_size manner=bigger: big thing compared-to | thing bigger-or other
 polar compare_size: thing bigger other not?
-compare_speed: by-factor faster thing other move? | who move? faster thing | who pair faster move? | thing faster versus move?
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearer thing other | thing nearer other | who nearest thing? other? stands? | nearest
-    other? | who front stands?
-farthest: who farther thing other | who farthest thing? other? stands? | who back stands?
-most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
-biggest: who biggest thing? but? | biggest but? | who covers biggest
-brightest: who brightest thing? but? | brightest but? | thing brightest other | thing brightest versus
+nearest: who nearer thing other | who nearest thing? other? stands? | nearest other?
+farthest: who farther thing other | who farthest thing? other? stands?
+most_moving: who move more thing? | who move most thing? | who most-motion thing?
+biggest: who biggest thing? but?
+brightest: who brightest thing? but?
 compare_speed: speediest but? | who move? speediest thing?
 colour: which-color thing stands? comes?
 polar colour: thing color not?
-count_moving: how-many any? move but? seen? | several any? move any? | how-many thing move start?
+count_moving: how-many any? move but? seen? | how-many thing move start?
 polar count_moving: any move but
 count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing counted | how-many thing
-    seen? side? stands? remain? | several thing seen? side? stands? remain?
-still: list? rest | everything rest | any not move | any rest always? | who not move start? always? | who rest always?
-    stands? | who stands always? | how-many thing rest stands? | how-many thing not move
+    seen? side? stands? remain?
+still: who not move start? always? | who rest always? stands?
 polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?
 polar enter thing=person: anybody enter
 polar leave thing=person: anybody leave
-approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other | thing closing-to move? get? or-away
+approach: by-factor closing-to thing get other | thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
-rise: thing go-up not? | high thing rise move? | high thing highest | by-how-much thing go-up | when thing start? jumps
+polar rise manner=jump: thing jumps not?
+rise manner=jump: when thing start? jumps | high thing jumps | how-long thing jumps
+rise: thing go-up not? | high thing rise move? | by-how-much thing go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
-motion: how-long thing rest | who move start? but?
-does: what-it do thing | happens-to thing
+motion: who move start? but?
+does: what-it do thing
 fast: fast thing move? reaches? extreme?
 path: path thing takes? | how thing get
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off
-way: way thing turn | way thing enter | way thing leave | way thing move? takes? along? sideways-or? | thing move sideways-or
-    | whereto thing move along? sideways-or?
+way: way thing turn | way thing move? takes? along? sideways-or? | thing move sideways-or | whereto thing move along?
+    sideways-or?
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible can?
@@ -408,9 +392,8 @@ seen: when thing visible can? | when thing hidden
 polar still: thing rest not? always?
 polar enter: anything enter
 polar leave: anything leave
-polar motion: anything manner start? | thing plainly start? not? | thing manner start? not? | any plainly
+polar motion: thing plainly start? not? | thing manner start? not? | any plainly
 polar always: thing seen? always not? stands? can?
-always: who visible always stands?
 where: where thing stands? seen? on?
 polar side: thing seen? side stands? not?
 polar seen thing=person: anybody seen?

@@ -40,6 +40,8 @@ MIN_ANGLE = 0.02
 """Sine of the angle at a point, from which on three points tell a plane."""
 REFINED = 4
 """Times that a plane is fitted to what lies in it."""
+GROUND = "ground"
+"""The word for the floor, whatever it is made of."""
 GROUND_WORDS = re.compile(r"(?:the )?(?:ground|floor)", re.IGNORECASE)
 """Names of the floor as a whole; that it is grass or a road, its shape does not tell."""
 UNEVEN = 2.0

@@ -16,6 +16,7 @@ from ..language.lexicon import plural
 from ..scene import Scene
 from ..scene.people import single_people
 from .connected_objects import split_objects, width_along
+from .ground import up_of
 from .selection import Selection
 from .wording import Asked
 
@@ -25,6 +26,8 @@ MOVES = 0.03
 """World units a second (1 = median depth) from which a thing moves."""
 MIN_RISE = 0.01
 """World units by which a thing must rise for the moments of it to be more than jitter of the fit."""
+JUMPS = 0.15
+"""Part of its height by which a thing that jumps is higher than before and afterwards: a horse over a fence .4, a car .03."""
 MIN_COLOUR_FRACTION = 0.2
 """Fraction of a thing's surface from which a colour of it is told, and of its Gaussians from which a word for it is."""
 LUMA = np.array([0.2126, 0.7152, 0.0722])
@@ -234,15 +237,27 @@ class Comparison:
         return f"{name} is the {self.asked.manner or 'brightest'} thing, {light[name]:.0%} of white."
 
     def _rise(self) -> str:
-        up = self.things[0].centres[:, 1].max() - self.things[0].centres[:, 1]
+        """How far a thing rises and when; of a jump, which ends lower again, too, if it is one."""
+        one = self.things[0]
+        height = one.centres @ up_of(self.scene.cameras)
+        before, after = np.minimum.accumulate(height), np.minimum.accumulate(height[::-1])[::-1]
+        jump = self.asked.manner == "jump"
+        up = height - (np.maximum(before, after) if jump else height.min())
         k = int(up.argmax())
-        sentence = f"{self.things[0].name} rises by {up[k]:.2f} times the median depth"
+        jumps = bool(up[k] >= JUMPS * one.height)
+        if jump and not jumps:
+            low = f"{one.name} does not jump: it never rises by {JUMPS:.0%} of its height and comes down again."
+            return _polar(self.asked.yes(False), low)
+        sentence = f"{one.name} {'jumps' if jump else 'rises'} by {up[k]:.2f} times the median depth"
         if up[k] < MIN_RISE:
             return f"{sentence}, which is too little to tell when."
-        low = np.flatnonzero(up < up[k] / 2)
-        first, last = low[low < k].max(initial=-1) + 1, low[low > k].min(initial=len(up)) - 1
+        low_at = np.flatnonzero(up < up[k] / 2)
+        first, last = low_at[low_at < k].max(initial=-1) + 1, low_at[low_at > k].min(initial=len(up)) - 1
         aloft = f"from frame {self.times[first]:.0f} to {self.times[last]:.0f}"
-        return f"{sentence}; it is highest {self._at(k)}, and above half of that {aloft}."
+        return _polar(
+            self.asked.yes(True) if jump else "",
+            f"{sentence}; it is highest {self._at(k)}, and above half of that {aloft}.",
+        )
 
     def _two(self) -> tuple[Measured, Measured]:
         if len(self.things) < 2:

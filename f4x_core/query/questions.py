@@ -22,7 +22,7 @@ from ..scene.people import single_people
 from ..scene.view import render
 from .cast import moving_things
 from .chat import ChatServer, image_part
-from .connected_objects import separate_objects, width_along
+from .connected_objects import pick_object, separate_objects, width_along
 from .engines import BARE, Engines
 from .inventory import find, instead, is_doubtful, labels_of, things_there
 from .knowledge import lacks_people, refuse_unknown
@@ -32,7 +32,7 @@ from .not_deleted import not_deleted
 from .people import each_person, in_ordinals, is_of_people, remarks_on
 from .pixels import head_map
 from .selection import SELECTED, Selection
-from .wording import CLIP_FACTS, INSTEAD, ONE_BY_ONE, Asked, Unanswerable, read_question
+from .wording import CLIP_FACTS, INSTEAD, ONE_BY_ONE, ONE_OF_SEVERAL, Asked, Unanswerable, read_question
 
 COMPUTED, SERVER = "computed", "server"
 """Values of `Answer.answered_by`, besides names of models."""
@@ -168,9 +168,14 @@ def answer(
 
 
 def _for_each_person(scene: Scene, asked: Asked, names: Collection[str]) -> list[Asked]:
-    """`asked`, and in place of all people the single ones: together in one question where it takes any number of things."""
+    """`asked`, and in place of all people the single ones: together in one question where it takes any number of things.
+
+    Several kinds are counted one by one.
+    """
+    if asked.kind == "count":
+        return [replace(asked, things=(thing,)) for thing in asked.things] or [asked]
     people = {thing: each_person(scene, thing) for thing in asked.things if thing not in names}
-    everybody = next((thing for thing in people if people[thing] and asked.kind != "count"), None)
+    everybody = next((thing for thing in people if people[thing]), None)
     if everybody is None:
         return [asked]
 
@@ -366,6 +371,7 @@ def _found(
 
     F4xError for what the teacher of the scene's words does not know.
     """
+    found: dict[str, Selection] = {}
     notes: dict[str, str] = {}
     if asked.things:
         given = {name.lower(): name for name in names}
@@ -373,11 +379,18 @@ def _found(
             name: next((given[form] for form in spellings(name) if form in given), None) or _word_of(scene, name)
             for name in asked.things
         }
+        which = {name: "" if word in names else _which_of(name, word) for name, word in words.items()}
         for name, word in words.items():
             if word not in names:
-                refuse_unknown(scene, name, encode)
-        found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
-        notes = {word: _note(name, word) for name, word in words.items() if word not in names}
+                refuse_unknown(scene, word if which[name] else name, encode)
+        for name, word in words.items():
+            selection = names[word] if word in names else find(scene, word, encode)
+            if which[name] and selection.chosen.any():
+                time = asked.span[0] if asked.span else float(scene.cameras.times[0])
+                found[f"{name.split()[0]} {word}"] = _one_of(scene, selection, which[name], time)
+                continue
+            found[word] = selection
+            notes |= {} if word in names or which[name] else {word: _note(name, word)}
     else:
         there = things_there(scene)
         found = {_perhaps(word) if is_doubtful(scene, one) else word: one for word, one in there.items()}
@@ -386,6 +399,19 @@ def _found(
             rest &= ~selection.chosen
         found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}
     return found, notes
+
+
+def _which_of(name: str, word: str) -> str:
+    """Return the place or size by which a name tells one of several of a word, as `pick_object` has it; nothing where none does."""
+    first, *rest = name.split()
+    return ONE_OF_SEVERAL.get(first, "") if not {*spellings(" ".join(rest))}.isdisjoint(spellings(word)) else ""
+
+
+def _one_of(scene: Scene, found: Selection, which: str, time: float) -> Selection:
+    """Return the one of several separate things that is `which` at clip time `time`."""
+    rows = np.flatnonzero(found.chosen)
+    own = pick_object(scene.posed(time), rows, which, scene.cameras.at(time), single_people(scene, rows))
+    return found.among(np.isin(np.arange(len(found.ids)), own))
 
 
 def _has_no_article(label: str, names: Collection[str]) -> bool:
@@ -450,6 +476,7 @@ def _word_of(scene: Scene, name: str) -> str:
     else:
         start, form = (0, name) if len(words) == 1 else (len(words), "")
     left = [word for word in words[:start] if not re.fullmatch(ADJECTIVE, word)]
+    left = left[1:] if left and start == 1 and left[0] in ONE_OF_SEVERAL else left
     if not form or (left and not _is_compound(left, name, known)):
         named = {*known, "it", "they", "them", "he", "she", "this", "that"}
         strange = " ".join(word for word in left if named.isdisjoint(spellings(word))) or name
@@ -518,8 +545,11 @@ def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: E
 
 def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, yes: str) -> str:
     """The sentence about a thing that is not there, after "Yes" or "No" where that is wanted."""
-    _, hint = instead(scene, [sighting.label], encode)
-    what = f"nothing in the scene answers to '{sighting.label}' (best: {sighting.best:.2f}){hint and f'; {hint}'}."
+    if scene.base is not scene and find(scene.base, sighting.label, encode).chosen.any():
+        what = f"an earlier edit hides or removed {_the(sighting)}."
+    else:
+        _, hint = instead(scene, [sighting.label], encode)
+        what = f"nothing in the scene answers to '{sighting.label}' (best: {sighting.best:.2f}){hint and f'; {hint}'}."
     return f"{yes}: {what}" if yes else what[0].upper() + what[1:]
 
 

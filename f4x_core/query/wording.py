@@ -33,6 +33,7 @@ from ..language.lexicon import (
     FUNCTION_WORDS,
     PEOPLE,
     SPELLING,
+    WHICH,
     is_adverb,
     is_slip,
     label_of,
@@ -124,6 +125,8 @@ _NOUNS_TOO = word_set(
     "fly track light path course slide swing drive float stage water floor ground surface hand screen plate sign"
 )
 """… unless an article stands before them …"""
+ONE_OF_SEVERAL = {word: which for words, which in WHICH.items() for word in words.split("|")}
+"""… or that tell which of several a known one behind them is …"""
 _BEFORE = word_set("front back left right top bottom middle other big small large tall moving fast") | COLOURS
 """… or the noun behind them."""
 _NO_ENDING = re.compile(
@@ -185,6 +188,7 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 or end + 1 == label
                 or word in _BEFORE
                 or (first and (word in _NOUNS_TOO or word.endswith("ing")))
+                or (first and word in ONE_OF_SEVERAL and _label_end(reading, end + 1))
                 or (end > start and word == "one")
             ):
                 break
@@ -291,7 +295,6 @@ _slots: dict[str, Rule] = {
     ),
     "other": _say("[to|from|of|than|and|-|with|toward|compared to|or] <_whom>"),
     "than": _say("[than|as] <_names>"),
-    "versus": _say("[vs|versus|against|or] <_names>"),
     "doing": generated(lambda reading, at: ((end, reading.word(end - 1)) for end in _doing.at(reading, at))),
     "spot": generated(lambda reading, at: ((end, reading.text_of(at, end)) for end in _spot.at(reading, at))),
     "us": _say("[to|from|of|for|toward|<_nearer>] <camera>"),
@@ -308,8 +311,6 @@ _slots: dict[str, Rule] = {
         _say("[on|to|at] <_names> <_side_of>") >> (lambda names, relation: (relation, names)),
     ),
     "place-or": _say("[<_on_side>|<place>] or <place> <_names>") >> (lambda one, two, names: (one, names)),
-    "around-of": _beside("around", "to|of"),
-    "near-to": _say("[nearest|closest|nearer|closer] <_before_article> <_whom>") >> (lambda names: ("nearest", names)),
     "passes-by": _beside("passes"),
     "closing-to": either(
         _beside("closing", "to|from"), _say("<closing> (each other|one another|together)") >> (lambda how: (how, ()))
@@ -499,7 +500,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
     who, thing = found.get("who") or (), found.get("thing", ()) or tuple(filter(None, [row.options.get("thing")]))
     if who and len(thing) == 1:
         return None
-    other = (*found.get("other", ()), *found.get("than", ()), *found.get("versus", ()), *pair[1:], *joined[1])
+    other = (*found.get("other", ()), *found.get("than", ()), *pair[1:], *joined[1])
     named = (*who, *thing, *pair[:1], *other)
     things = _resolved(named, it)
     other = things[len(things) - len(other) :] if len(things) >= len(other) else ()
@@ -542,7 +543,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
     )
 
 
-_JOINED = ["near-to", "place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to"]
+_JOINED = ["place-of", "place-or", "passes-by", "closing-to", "compared-to"]
 _MANNERS = ["manner", "order-by", "biggest", "brightest", "speediest", "bigger", "faster", "color", "place"]
 _MANNERS += ["farther-aside", "doing", "spot"]
 """Slots, the first that is filled: what says in which manner, or by which relation."""

@@ -27,6 +27,7 @@ EDITS = {
     "background moved": [Transform(S, (0.1, 0, 0))],
     "mover moved": [Transform(M, (0.1, 0, 0)), Delete(Ids.of(np.array([3, 35])))],
     "multiplied": [Recolour(S, (1, 0.5, 0), "multiply", 1.0)],
+    "a stop up": [Recolour(S, (2, 2, 2), "light", 1.0)],
     "red for a while": [Recolour(M, (1, 0, 0), "multiply", 0.7, frames=(2, 5))],
     "copies": [Duplicate(S, (1, 0, 0), count=2), Recolour(S, (1, 0.2, 0.3), "multiply", 1.0)],
     "later copies": [Duplicate(S, (1, 0, 0), time_shift=1.5)],

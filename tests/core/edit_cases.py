@@ -39,7 +39,7 @@ selects = st.one_of(
     st.just(All()), st.just(Moving()), ids, ids.map(Not), ids.map(lambda i: Or((i, Moving()))), st.just(Named("dog"))
 )
 looks_operations = st.one_of(
-    st.builds(Recolour, selects, colours, st.sampled_from(("assign", "add", "multiply", "hue")), shares,
+    st.builds(Recolour, selects, colours, st.sampled_from(("assign", "add", "multiply", "hue", "light")), shares,
               st.booleans(), spans),
     st.builds(Opacity, selects, shares.map(lambda s: 2 * s), spans),
     st.builds(Delete, selects, spans),

@@ -16,6 +16,7 @@ from f4x_core.geometry import spherical_harmonics
 from f4x_core.language.colour_names import COLOURS
 from f4x_core.language.refusal import Doubt
 from f4x_core.query.selection import Selection, fingerprint
+from f4x_core.scene.color import linear_from_srgb
 
 DATA = Path(__file__).parents[1] / "data"
 EFFECTS, SEALED = DATA / "effects.txt", DATA / "effects_sealed.txt"
@@ -206,6 +207,7 @@ class Seen:
             "tint": lambda: self._is_tinted(COLOURS[one.value]),
             "part": self._head_alone,
             "light": lambda: _is(light, number, 0.06),
+            "radiance": lambda: _is(np.divide(*(linear_from_srgb(rgb).mean() for rgb in self.rgb[::-1])), number, 0.06),
             "lighter": lambda: light > 1.05,
             "darker": lambda: light < 0.95,
             "gray": lambda: spread[1] < 0.02,

@@ -266,7 +266,7 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
             if slot.get("strength") == "slight":
                 ok = ok and (mode == "add" or made.get("strength", 1) < 1)
     elif kind == "brightness":
-        ok = op == "recolour" and made.get("mode") == "multiply" and _amount_fits(amount, made["rgb"][0])
+        ok = op == "recolour" and made.get("mode") in ("multiply", "light") and _amount_fits(amount, made["rgb"][0])
     elif kind == "saturation":
         gray = op == "recolour" and made.get("mode") == "hue"
         ok = (gray and amount in (0, "down")) or (op == "grade" and _amount_fits(amount, made.get("saturation", 1)))

@@ -193,6 +193,7 @@ def test_a_request_that_tries_to_be_a_message_stays_one_string(server):
         ({"op": "paint", "red": 0, "green": 51, "blue": 255, "mode": "hue", "strength": 50},
          Recolour(Text(("dog",)), (0.0, 0.2, 1.0), "hue", 0.5)),
         ({"op": "brightness", "percent": 150}, Recolour(Text(("dog",)), (1.5, 1.5, 1.5), "multiply")),
+        ({"op": "exposure", "tenths": -10}, Recolour(Text(("dog",)), (0.5, 0.5, 0.5), "light")),
         ({"op": "opacity", "percent": 30, "first_frame": 20},
          Opacity(Text(("dog",)), 0.3, (20.0, None))),
         ({"op": "delete", "last_frame": 40}, Delete(Text(("dog",)), (0.0, 40.0))),

@@ -1,22 +1,28 @@
 """Contrast, warmth, blur, glow, places of two, parts by place and eased speed: what each does to numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from effect_scenes import effect_scene
 from random_scene import random_scene
 
-from f4x_core.edit import colours
+from f4x_core.edit import colours, plan
 from f4x_core.edit.apply import edited, with_operations
 from f4x_core.edit.bake import bake
 from f4x_core.edit.language import parse
 from f4x_core.edit.operation.blur import thinning
-from f4x_core.edit.operations import Blur, Duplicate, Glow, Grade, Retime, Swap, Transform
+from f4x_core.edit.operations import Blur, Duplicate, Glow, Grade, Recolour, Retime, Swap, Transform
 from f4x_core.edit.request import Request
 from f4x_core.edit.resolve import EditorState, resolve
 from f4x_core.edit.selects import All, Ids, Part
 from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
+from f4x_core.geometry import spherical_harmonics
 from f4x_core.geometry.camera import Camera
 from f4x_core.query.connected_objects import part_of
+from f4x_core.scene.color import linear_from_srgb
+from f4x_core.scene.view import render
 
 SCENE = random_scene()
 FEW, OTHERS = Ids.of(np.arange(5)), Ids.of(np.arange(5, 12))
@@ -46,11 +52,55 @@ def test_contrast_spreads_lights_about_the_mean_and_keeps_tints():
         ("exposure +50%", 1.5),
         ("exposure 80", 0.8),
         ("double the exposure", 2.0),
+        ("raise the exposure of the dog", 2.0),
+        ("the dog half a stop darker", 2**-0.5),
+        ("bring the dog up 1.5 stops", 2**1.5),
+        ("gain 1.2 on the dog", 1.2),
+        ("the dog is overexposed", 0.5),
     ],
 )
 def test_bare_numbers_of_an_exposure_are_stops(sentence, factor):
     (operation,) = parse(Request(sentence, ("dog",), fps=24.0, frames=48))
-    assert operation.mode == "multiply" and operation.rgb == pytest.approx((factor,) * 3, abs=1e-3)
+    assert operation.mode == "light" and operation.rgb == pytest.approx((factor,) * 3, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "times"), [("exposure +1", 2.0), ("exposure -1", 0.5), ("up by half a stop", 2**0.5)]
+)
+def test_a_stop_up_doubles_the_linear_light_of_a_picture(sentence, times):
+    scene = effect_scene("street")[0]
+    edited_scene = plan.preview(scene, plan.propose(scene, sentence).chosen)
+    before, after = (render(one, one.cameras[0], 0.0, ("rgb", "alpha")) for one in (scene, edited_scene))
+    mid = (before["alpha"] > 0.99)[..., None] & (before["rgb"] > 0.2) & (before["rgb"] < 0.6)
+    assert mid.sum() > 1000
+    np.testing.assert_allclose(
+        linear_from_srgb(after["rgb"])[mid], times * linear_from_srgb(before["rgb"])[mid], rtol=3e-3
+    )
+
+
+def test_a_stop_is_seen_from_every_side_and_taken_back_by_a_stop_down():
+    scene = random_scene(degree=1)
+    up = with_operations(scene, Recolour(All(), (2, 2, 2), "light"))
+    old, new = (one.colors(one.posed(1.0), one.cameras[2]) for one in (scene, up))
+    shown = (old > 0.3) & (spherical_harmonics.rgb_from_dc(scene.posed(1.0).sh[:, 0]) > 0.3)
+    assert shown.sum() > 20
+    np.testing.assert_allclose(linear_from_srgb(new)[shown], 2 * linear_from_srgb(old)[shown], rtol=0.02)
+    back = with_operations(up, Recolour(All(), (0.5, 0.5, 0.5), "light")).posed(1.0)
+    np.testing.assert_allclose(back.sh, scene.posed(1.0).sh, atol=1e-5)  # nothing was clipped on the way
+
+
+def test_an_exposure_of_an_older_file_looks_as_it_did():
+    saved = {
+        "op": "recolour",
+        "select": {"by": "all"},
+        "rgb": [2.0, 2.0, 2.0],
+        "mode": "multiply",
+        "id": 1,
+        "said": "exposure +1",
+    }
+    after = edited(replace(SCENE, edits=(saved,)))
+    np.testing.assert_allclose(after.posed(1.0).sh[:, 1:], 2 * SCENE.posed(1.0).sh[:, 1:], rtol=1e-6)
+    assert "twice as bright" in after.steps[0].edit.operation.described()
 
 
 def test_an_exposure_by_nothing_is_refused():

@@ -14,7 +14,7 @@ from f4x_core.edit import styles
 from f4x_core.edit.change import SHOWN
 from f4x_core.edit.commands import COMMANDS
 from f4x_core.edit.description import describe, in_words
-from f4x_core.edit.english import AGAIN, REMARK
+from f4x_core.edit.english import ABOUT_OTHERS
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, about_there, nearest, parse
 from f4x_core.edit.lengths import in_units
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Retime, Transform, read_operation
@@ -69,7 +69,7 @@ def test_a_refusal_names_the_word_and_offers_commands():
 
 
 def test_every_example_is_understood():
-    for example in {command.example for command in COMMANDS if command.make not in (REMARK, AGAIN)}:
+    for example in {command.example for command in COMMANDS if command.make not in ABOUT_OTHERS}:
         assert say(example), example
 
 

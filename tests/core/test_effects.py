@@ -1,5 +1,6 @@
 """Sentences by what they do to the Gaussians of made-up scenes whose true objects are known."""
 
+import re
 from dataclasses import replace
 
 import effects
@@ -8,8 +9,12 @@ import pytest
 from effect_scenes import FRAMES, effect_scene
 
 from f4x_core.edit import plan
+from f4x_core.edit.apply import with_operations
+from f4x_core.edit.operations import Transform
 from f4x_core.edit.plan_lines import plan_lines
 from f4x_core.edit.resolve import EditorState
+from f4x_core.edit.selects import Ids
+from f4x_core.edit.stack import of
 from f4x_core.language.refusal import Refusal
 from f4x_core.query.questions import answer
 from f4x_core.query.selection import Selection, fingerprint
@@ -61,6 +66,33 @@ def test_how_tall_tells_each_of_several_and_what_is_not_known():
     assert "0.24 tall" in answer(effect_scene("street")[0], "how tall is the car").text
 
 
+@pytest.mark.parametrize(
+    ("question", "told"),
+    [
+        ("how big is the left man?", "^The left man is 0.70 tall"),
+        ("which color is the biggest man?", "^The biggest man is green"),
+        ("is the right man bigger than the left man?", "^Yes: the right man is 1.2 times"),
+        ("where is the farthest man?", "^The farthest man is on the right"),
+        ("how many dogs and cats are there?", "^Dog: 1 separate .* Nothing in the scene answers to 'cat'"),
+        ("count the men and the dogs", "^Man: 2 separate .* Dog: 1 separate"),
+        ("when does the dog leap?", "^The dog does not jump"),
+    ],
+)
+def test_questions_tell_one_of_several_count_each_kind_and_know_a_jump(question, told):
+    assert re.search(told, answer(effect_scene("street")[0], question).text)
+
+
+def test_what_goes_up_and_comes_down_jumps():
+    scene, things = effect_scene("street")
+    dog = Ids.of(scene.ids[things["dog"]])
+    up = with_operations(scene, Transform(dog, (0.0, -0.2, 0.0), frames=(8.0, 20.0)))
+    assert "does not jump" in answer(up, "does the dog jump?").text  # it stays up there
+    down = with_operations(up, Transform(dog, (0.0, 0.2, 0.0), frames=(20.0, 32.0)))
+    assert re.search(
+        "^Yes: the dog jumps by 0.20 .* highest at frame (19|20|21)", answer(down, "does the dog jump?").text
+    )
+
+
 def test_without_words_what_moves_is_a_thing_and_all_else_goes_by_gaussian():
     scene, things = effect_scene("street")
     chosen = Selection(scene.ids, things["dog"].astype(float), np.zeros(len(scene.ids), bool), scene=fingerprint(scene))
@@ -80,6 +112,38 @@ def test_an_exception_is_kept_whatever_it_is_of():
     assert np.array_equal(gone, ~head)
 
 
+@pytest.mark.parametrize(
+    ("before", "why"),
+    [
+        ("hide the dog", "hides the dog"),
+        ("make the dog invisible", "hides the dog"),
+        ("keep only the car", "removed the dog"),
+    ],
+)
+def test_of_what_is_no_longer_seen_it_is_said_why(before, why):
+    scene, _ = effect_scene("street")
+    edited = plan.preview(scene, plan.propose(scene, before).chosen)
+    with pytest.raises(Refusal, match=f"an earlier edit {why}") as refusal:
+        plan.propose(edited, "make the dog red")
+    assert refusal.value.nearest == (("show the dog",) if "hides" in why else ())
+    assert "n earlier edit hides or removed the dog" in answer(edited, "where is the dog?").text
+
+
+@pytest.mark.parametrize(
+    ("before", "sentence", "hidden"),
+    [
+        ("hide the dog from second 1 on", "make the dog blue from frame 30 on", True),
+        ("hide the dog from second 1 on", "make the dog blue until frame 30", False),
+        ("fade out the dog in the first second", "blur the dog from second 1.5 on", True),
+        ("hide the dog from second 1 on", "show the dog", False),
+    ],
+)
+def test_a_change_of_what_is_hidden_then_is_noted(before, sentence, hidden):
+    scene, _ = effect_scene("street")
+    edited = plan.preview(scene, plan.propose(scene, before).chosen)
+    assert any("hidden by an earlier edit" in note for note in plan.propose(edited, sentence).notes) is hidden
+
+
 def test_everything_said_before_is_taken_back():
     scene, _ = effect_scene("street")
     edited = scene
@@ -87,6 +151,9 @@ def test_everything_said_before_is_taken_back():
         edited = plan.preview(edited, plan.propose(edited, sentence).chosen)
     before, after = scene.posed(0.0), edited.posed(0.0)
     assert np.array_equal(before.opacities, after.opacities) and np.array_equal(before.sh, after.sh)
+    again = of(edited).undo()  # all of it is one edit
+    assert [edit.in_effect for edit in again.edits] == [True, True]
+    assert not any(edit.in_effect for edit in again.redo().edits)
 
 
 def test_which_of_several_is_asked_in_a_frame_that_shows_them():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from f4x_core.query import calibration
-from f4x_core.query.calibration import _otsu, evidence, split, word_probabilities
+from f4x_core.query.calibration import _otsu, evidence, split, without_leaks, word_probabilities
 from f4x_core.query.labels import BACKGROUND, TextQuery
 
 RNG = np.random.default_rng(4)
@@ -107,6 +107,21 @@ def test_evidence_of_each_feature_for_each_label():
     assert evidence(near, near, NULL)[0, 0] == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(
+    ("static", "kept"),
+    [(0.7, False), (0.89, False), (0.95, True)],  # of grass, and of a second camel that stands
+)
+def test_what_stands_and_answers_clearly_less_than_the_mover_is_no_part_of_it(static, kept):
+    moving = np.arange(10) < 5
+    probability = np.where(moving, 0.99, static)
+    probability[8:] = 0.3
+    found = without_leaks(probability, moving)
+    assert (found[5:8] == (static if kept else 0)).all() and (
+        np.delete(found, [5, 6, 7]) == np.delete(probability, [5, 6, 7])
+    ).all()
+    np.testing.assert_array_equal(without_leaks(probability, ~moving), probability)  # most of it stands
+
+
 @pytest.fixture(params=[0.2, None])
 def temperature(monkeypatch, request):
     """Of the head, or the common one; presence is decided softly, so that numbers show."""
@@ -130,7 +145,8 @@ def scene_with(words):
         assert encoder == "words"
         return tuple(words), table
 
-    return SimpleNamespace(require_field=lambda: SimpleNamespace(vocabulary=vocabulary))
+    field = SimpleNamespace(vocabulary=vocabulary)
+    return SimpleNamespace(require_field=lambda: field, moving=np.zeros(len(INDEX), bool))
 
 
 def thing(vector, rivals, temperature):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -9,8 +10,8 @@ import numpy as np
 
 from ...errors import F4xError
 from ...language.colour_names import COLOURS
-from ...language.degrees import DEGREES, factor
-from ...language.lexicon import PLACES
+from ...language.degrees import DEGREES, Amount, factor
+from ...language.lexicon import PLACES, plural
 from ...language.refusal import Mismatch
 from .. import colours
 from ..change import Change, Ease, Reply, Span, Vector, check_range, check_span
@@ -31,6 +32,8 @@ A_BIT = 0.5
 """Strength of a tint."""
 MORE_COLOUR = 0.3
 """Fraction of the way from gray to red that "redder" goes."""
+MOST_LIGHT, LIGHT_PLACES = 64.0, 6
+"""Largest factor of light, six stops up, and its decimals: three of them would be off at six stops down."""
 _BASIC = ("red", "green", "blue", "yellow", "orange", "purple", "pink", "cyan", "brown", "white", "black")
 
 
@@ -41,9 +44,10 @@ class Recolour(Dye):
     TAG = "recolour"
     select: SelectKind
     rgb: Vector
-    """sRGB in [0, 1]; for `add` -1 to 1, for `multiply` 0 to 10."""
-    mode: Literal["assign", "add", "multiply", "hue"] = "assign"
-    """`assign` the colour; `add` it; `multiply` by it; take its `hue` and saturation and leave light and dark."""
+    """sRGB in [0, 1]; for `add` -1 to 1, for `multiply` 0 to 10, for `light` 0 to 64."""
+    mode: Literal["assign", "add", "multiply", "hue", "light"] = "assign"
+    """`assign` the colour; `add` it; `multiply` the colours as displayed by it, or their linear `light`: 2 is one stop up; take its
+    `hue` and saturation and leave light and dark."""
     strength: float = 1.0
     keep_luminance: bool = False
     """With `assign`: shading and texture stay, brightened or darkened so that their mean is the colour's."""
@@ -51,7 +55,7 @@ class Recolour(Dye):
     ease: Ease | None = None
 
     def __post_init__(self) -> None:
-        low, high = {"add": (-1, 1), "multiply": (0, 10)}.get(self.mode, (0, 1))
+        low, high = {"add": (-1, 1), "multiply": (0, 10), "light": (0, MOST_LIGHT)}.get(self.mode, (0, 1))
         if not all(low <= value <= high for value in self.rgb):
             raise F4xError(f"rgb is {list(self.rgb)}; for {self.mode} give three numbers from {low} to {high}.")
         check_range("strength", self.strength)
@@ -63,9 +67,10 @@ class Recolour(Dye):
 
     def goal(self, rgb: np.ndarray, whom: Appearance, tones: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         target = np.array(self.rgb)
-        if self.mode == "multiply":
-            rest = (whom.sh[:, 1:] * (1 + self.strength * (target - 1))).astype(np.float32)
-            return rgb * self.rgb, rest, whom.opacities
+        if self.mode in ("multiply", "light"):
+            goal, growth = colours.exposed(rgb, target) if self.mode == "light" else (rgb * target, target[None])
+            rest = whom.sh[:, 1:] * (1 + self.strength * (growth[:, None] - 1))
+            return goal, rest.astype(np.float32), whom.opacities
         if self.mode == "add":
             return rgb + self.rgb, whom.sh[:, 1:], whom.opacities
         if self.mode == "hue":
@@ -78,7 +83,7 @@ class Recolour(Dye):
 
     @property
     def of_picture(self) -> bool:
-        return self.mode in ("multiply", "add") or (self.mode, self.rgb) == ("hue", BLACK_AND_WHITE)
+        return self.mode in ("multiply", "light", "add") or (self.mode, self.rgb) == ("hue", BLACK_AND_WHITE)
 
     @property
     def aspect(self) -> tuple[Any, ...]:
@@ -107,6 +112,10 @@ class Recolour(Dye):
             sentence = f"make {who} {strong}black and white"
         elif self.mode == "hue":
             sentence = f"shift the hue of {who} {strong}to {colour_words(rgb)}"
+        elif self.mode == "light" and len(set(rgb)) == 1 and rgb[0]:
+            sentence = _exposure_words(who, rgb[0])
+        elif self.mode == "light":
+            sentence = f"multiply the light of {who} by {number_words(rgb)}"
         elif self.mode == "multiply" and len(set(rgb)) == 1:
             sentence = f"make {who} {times_words(rgb[0], 'bright', 'brighter', 'darker')}"
         elif self.mode == "multiply":
@@ -127,8 +136,11 @@ class Recolour(Dye):
             mode: Literal["hue", "assign"] = "hue" if answer.mode == "hue" else "assign"
             return Recolour(who, rgb, mode, answer.strength / 100, answer.mode == "paint", answer.span)
 
-        def brightened(answer: Any, who: SelectKind, _: Any) -> Recolour:
+        def lit(answer: Any, who: SelectKind, _: Any) -> Recolour:
             return Recolour(who, (answer.percent / 100,) * 3, "multiply", frames=answer.span)
+
+        def exposed(answer: Any, who: SelectKind, _: Any) -> Recolour:
+            return Recolour(who, (2 ** (answer.tenths / 10),) * 3, "light", frames=answer.span)
 
         doc = "Another colour; `paint` keeps light and dark, `flat` does not, `hue` turns the hue alone."
         bytes_ = {"red": byte, "green": byte, "blue": byte}
@@ -137,22 +149,27 @@ class Recolour(Dye):
             Reply(("paint",), doc, painted, mixed, "Paint"),
             Reply(
                 ("brightness",),
-                "Brighter or darker: 100 is as before.",
-                brightened,
+                "Brighter or darker, as displayed: 100 is as before.",
+                lit,
                 {"percent": range(1001)},
                 "Brightness",
             ),
+            Reply(("exposure",), "Linear light, in tenths of a stop.", exposed, {"tenths": range(-60, 61)}, "Exposure"),
         )
 
     @classmethod
     def sentences(cls) -> Sentences:
         from .. import english as say
 
-        quality = say.Quality(
-            graded(brightened), "brighter|lighter", "darker|dimmer|gloomier", much="bright|light", little="dark|dim",
-            noun="brightness|light|lights|lighting|illumination|luminance|exposure|lightness|luminosity|glare|gain",
-            lack="darkness", up="brighten", down="darken", excess="overexposed|blown out|glaring",
-            dearth="underexposed|murky|gloomy|dim", too="shiny", too_little="black|shadowy", wished=True,
+        light = say.Quality(
+            _brighter, "brighter|lighter", "darker|dimmer|gloomier", much="bright|light", little="dark|dim",
+            noun="brightness|light|lights|lighting|illumination|luminance|lightness|luminosity|glare",
+            lack="darkness", up="brighten", down="darken", excess="glaring", dearth="murky|gloomy|dim",
+            too="shiny", too_little="black|shadowy", wished=True,
+        )  # fmt: skip
+        exposure = say.Quality(
+            graded(exposed, lambda degree: (2.0**degree.share, 2.0**-degree.share)), light.more, light.less, much="exposed",
+            little="", noun="exposure|gain", excess="overexposed|blown out", dearth="underexposed",
         )  # fmt: skip
         hue = say.command(
             "shift the hue of the car to red", hued, "rgb", say.NAMED, say.whose("hue|hues|tone"), verb="{set,become}",
@@ -168,8 +185,8 @@ class Recolour(Dye):
             keeps="[keeps|keep|retains|stays|stay|remains|remain|has|have] (its|their|his|her) [color|colors|colored|in color]|in "
             "(full|its) [color|colors]|colored",
         )  # fmt: skip
-        light = say.command(
-            "lift the dog by half a stop", lambda way, by: brightened(factor(by, way)), "way by",
+        lifted = say.command(
+            "lift the dog by half a stop", lambda way, by: exposed(factor(by, way)), "way by",
             verb="![add|adds|adding|added] [{set,become,apply}]",
             way={
                 "[raise|lift|push|bring|expose|pull|open|come|go] up|up|over|brighter|lighter|more|raise|lift|push|+|higher": True,
@@ -177,8 +194,8 @@ class Recolour(Dye):
             },
             by="(by|a) <stops>",
         )  # fmt: skip
-        exposure = say.command(
-            "exposure +0.5", exposed, "exposure by", say.WHOLE, verb="![add|adds|adding|added] [{set,become,apply}]",
+        stops = say.command(
+            "exposure +0.5", exposed_by, "exposure by", say.WHOLE, verb="![add|adds|adding|added] [{set,become,apply}]",
             way={"raise|increase|lift|push|boost|up|+|plus": True, "lower|decrease|reduce|drop|cut|down|-|minus": False},
             exposure="(the|its|their) exposure (:|=|by|of|to|at)",
             by="(by|of|to|at) [<number>|<fraction>] ![%|percent|per cent|pct|x|times|stop|stops|ev|f|/]",
@@ -188,10 +205,10 @@ class Recolour(Dye):
             verb="{=fade/dissolve/dip/go/fade out/fade slowly}",
             rgb="[to|into|out to|down to] (a|solid|pure|full|total|complete) <colour>",
         )  # fmt: skip
-        return say.Sentences((hue, tint, rest, light, fade), (quality,), *_colors(), early=(exposure,))
+        return say.Sentences((hue, tint, rest, lifted, fade), (light, exposure), *_colors(), early=(stops,))
 
 
-def exposed(by: float, way: bool = True) -> Value:
+def exposed_by(by: float, way: bool = True) -> Value:
     """The value for so many stops more light, less where not `way`; Mismatch for what are percents."""
     from ...language.amounts import LEAST_PERCENTS  # with the grammar
 
@@ -199,7 +216,15 @@ def exposed(by: float, way: bool = True) -> Value:
         raise Mismatch
     if not by:
         return refused("That changes nothing; say for example 'exposure +0.5'.")
-    return brightened(2.0 ** (by if way else -by))
+    return exposed(2.0 ** (by if way else -by))
+
+
+def _exposure_words(who: str, by: float) -> str:
+    """ "raise the exposure of the dog by 0.5 stops"; percents where those are round and the stops are not."""
+    stops = round(math.log2(by), 2)
+    if by == round(by, 2) and stops % 1:
+        return f"set the exposure of {who} to {percent_words(by)}"
+    return f"{'lower' if stops < 0 else 'raise'} the exposure of {who} by {abs(stops):g} {plural('stop', abs(stops))}"
 
 
 def _more(rgb: Vector) -> str:
@@ -278,6 +303,16 @@ def faintly(rgb: Vector) -> Value:
 def brightened(by: float) -> Value:
     """So many times as bright."""
     return recoloured((round(by, PLACES),) * 3, "multiply")
+
+
+def exposed(by: float) -> Value:
+    """So many times the linear light."""
+    return recoloured((round(by, LIGHT_PLACES),) * 3, "light")
+
+
+def _brighter(how: Amount | None, upward: bool) -> Value:
+    """Brighter or darker as displayed; by stops, in linear light."""
+    return graded(exposed if how is not None and how.kind == "stops" else brightened)(how, upward)
 
 
 def added(times: float, more: tuple[Vector, int]) -> Value:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ...errors import F4xError
 from ..change import Change, Reply
-from ..selects import All, SelectKind
+from ..selects import MAX_WORDS_LENGTH, All, SelectKind
 
 if TYPE_CHECKING:
     from ..english import Sentences
@@ -22,21 +22,23 @@ LAST, ALL = 0, -1
 
 @dataclass(frozen=True)
 class TakeBack(Change):
-    """An earlier edit of the stack switched off; undoing this one switches it on again."""
+    """Earlier edits of the stack switched off; undoing this one switches them on again."""
 
     TAG = "take_back"
     edit: int = LAST
     """Id of the edit; `LAST` or `ALL` until planning finds those meant."""
     words: str = ""
-    """The earlier edit in words, for people."""
+    """The earlier edits in words, for people."""
+    others: tuple[int, ...] = ()
+    """Ids of more edits: all that one sentence takes back is one edit."""
     select: ClassVar[SelectKind] = All()  # type: ignore[misc]  # whoever that edit was for
 
     ACTS = False
     SEEN = "nowhere"
 
     @property
-    def taken_back(self) -> int:
-        return self.edit
+    def taken_back(self) -> tuple[int, ...]:
+        return (self.edit, *self.others)
 
     def planned(self, edits: Sequence[Edit]) -> tuple[TakeBack, ...]:
         """All edits in effect, or those of the last sentence, the last one first."""
@@ -50,11 +52,14 @@ class TakeBack(Change):
             active = [
                 *takewhile(lambda edit: edit is last or (last.sentence and edit.sentence == last.sentence), active)
             ]
-        return tuple(TakeBack(edit.id, edit.operation.described()) for edit in active)
+        words = "; ".join(edit.operation.described() for edit in active)[:MAX_WORDS_LENGTH]
+        return (TakeBack(active[0].id, words, tuple(edit.id for edit in active[1:])),)
 
     def described(self) -> str:
         if self.edit in (LAST, ALL):
             return "take back the last edit" if self.edit == LAST else "take back all edits"
+        if self.others:
+            return f"take back {len(self.taken_back)} edits" + (f": {self.words}" if self.words else "")
         return f"take back '{self.words}'" if self.words else f"take back the edit of id {self.edit}"
 
     @classmethod
