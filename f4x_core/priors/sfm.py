@@ -34,6 +34,9 @@ FOCAL_PRIOR = 0.1
 FOCAL_STEP, LONGER, SHORTER, HELD_ITERATIONS = 1.35, 3, 2, 12
 """Ratio of the focal lengths that `best_focal` holds one after the other, how many are longer and shorter than the one found, and
 steps of each adjustment."""
+FLAT, BELIEF_IN_FLAT = 0.08, 0.25
+"""Spread of inverse depth between the 10th and the 90th percentile, relative to the median, below which a world has no relief
+(camel's is .04, that of 31 other clips .11 and more), and the part of the belief in the usual lens that is left then."""
 MIN_SHARED = 30
 """Fewest tracks two frames must share to be related to each other."""
 MIN_SPREAD = np.deg2rad(0.5)
@@ -325,12 +328,16 @@ def best_focal(solution: Solution, lens: BundleConfig) -> tuple[float, dict[str,
     """Return the focal length in pixels at which a sample of the solution costs least, and the curve of errors.
 
     Through a long lens a pan looks like a walk along a wall: both are minima of their own, with nothing in between that leads from
-    one to the other. So focal lengths are held one after the other, each from the cameras found with the one before.
+    one to the other. So focal lengths are held one after the other, each from the cameras found with the one before. A world
+    without relief is as unusual as a long lens: there the usual one is hardly believed.
     """
     sample, _ = subset(solution, 400, 24)
     if not len(sample.observations.frame):
         return solution.bundle.focal, {}
     held = replace(lens, iterations=HELD_ITERATIONS, refine_focal=False)
+    inverse = 1 / np.maximum(sample.bundle.local(sample.observations)[:, 2], 1e-9)
+    flat = np.subtract(*np.percentile(inverse, (90, 10))) < FLAT * np.median(inverse)
+    believed = replace(lens, focal_prior=BELIEF_IN_FLAT * lens.focal_prior) if flat else lens
 
     def tried(steps: range) -> list[Solution]:
         found, one = [], sample
@@ -344,7 +351,7 @@ def best_focal(solution: Solution, lens: BundleConfig) -> tuple[float, dict[str,
 
     longer, shorter = in_threads(tried, (range(LONGER + 1), range(-1, -SHORTER - 1, -1)))
     found = sorted([*longer, *shorter], key=lambda one: one.bundle.focal)
-    best = min(found, key=lambda one: total_cost(one.bundle, one.observations, lens))
+    best = min(found, key=lambda one: total_cost(one.bundle, one.observations, believed))
     curve = {
         "focal_over_width": [round(one.bundle.focal / (2 * one.bundle.principal[0]), 4) for one in found],
         "error_px": [round(one.error, 4) for one in found],

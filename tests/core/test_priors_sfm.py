@@ -185,6 +185,15 @@ def test_a_pan_through_a_long_lens_is_told_from_a_walk_along_a_wall(travel, turn
     assert module.best_focal(nothing, lens) == (wall.bundle.focal, {})
 
 
+def test_before_a_wall_the_usual_lens_stays():
+    true = truth(frames=16, travel=0.6, turn=0.0, points=600)
+    points = true.points * [1.5, 1.5, 0.02] + [0, 0, 2]
+    wall = solution_of(replace(true, points=points, focal=0.9 * WIDTH), noise=0.1)
+    lens = BundleConfig(expected_focal=0.9 * WIDTH, robust_px=0.5, focal_prior=0.02)
+    focal, curve = module.best_focal(wall, lens)
+    assert focal == pytest.approx(0.9 * WIDTH) and np.ptp(curve["error_px"]) < 0.01  # any lens shows the same
+
+
 def test_a_flat_curve_is_decided_by_the_usual_focal_length(monkeypatch):
     """Errors that differ by 4 %: a focal length e^1 from the usual one must save a tenth."""
     errors = {0.9: 1.04, 0.9 * np.e: 1.0, 0.9 / np.e**0.5: 1.0}
