@@ -68,8 +68,11 @@ def _preview_changed(self, context) -> None:
         self.answer = error_line(error)
 
 
-def _typed(name: str, operator: str) -> dict[str, Any]:
-    """Return getter and setter of a field of the sidebar that shows the property `name` of the active scene and acts on Enter."""
+def _typed(name: str, operator: str, needed: str) -> dict[str, Any]:
+    """Return getter and setter of a field of the sidebar that shows the property `name` of the active scene.
+
+    Enter in it calls `f4x.OPERATOR`, where the property `needed` holds anything.
+    """
 
     def get_typed(self) -> str:
         scene_object = SceneObject.of(bpy.context.object)
@@ -79,7 +82,7 @@ def _typed(name: str, operator: str) -> dict[str, Any]:
         scene_object = SceneObject.of(bpy.context.object)
         if scene_object is not None:
             setattr(scene_object.state, name, value)
-            if value.strip():
+            if getattr(scene_object.state, needed).strip():
                 submit(bpy.context, scene_object.root, operator)
 
     return {"get": get_typed, "set": set_typed}
@@ -95,18 +98,18 @@ class F4X_PG_typed(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this 
         name="Text",
         description="What to select: words separated by commas, what moves, what stands still, everything or nothing",
         search=_complete,
-        **_typed("text", "query_text"),
+        **_typed("text", "query_text", needed="text"),
     )
     negatives: StringProperty(  # type: ignore[valid-type]
         name="But Not",
         description="What not to select, separated by commas; empty: common surroundings such as sky and grass",
         search=_complete,
-        **_typed("negatives", "query_text"),
+        **_typed("negatives", "query_text", needed="text"),
     )
     sentence: StringProperty(  # type: ignore[valid-type]
         name="Say",
         description="What to change or select, such as: make the dog red from second 2; select what moves",
-        **_typed("sentence", "plan"),
+        **_typed("sentence", "plan", needed="sentence"),
     )
 
 

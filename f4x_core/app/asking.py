@@ -13,7 +13,6 @@ from typing import Any
 
 from ..edit.apply import edited, open_with
 from ..edit.resolve import named
-from ..edit.stack import EditStack
 from ..errors import F4xError
 from ..geometry.trajectory import Trajectory, original
 from ..processes import LineProgress, serve
@@ -84,7 +83,7 @@ class AskRequest:
 
     def answer(self, progress: Progress) -> Answer:
         """Answer it; see `ask`."""
-        scene = open_with(Path(self.scene), EditStack.from_json(json.loads(self.edits), self.scene))
+        scene = open_with(Path(self.scene), self.edits)
         selected = None if self.selection is None else Selection.from_json(self.selection)
         return ask(
             scene, self.question, AskOptions(selected, server=ChatServer.from_environment(None)), progress=progress

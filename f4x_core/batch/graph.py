@@ -128,17 +128,9 @@ class _Chain:
     def distil(self) -> None:
         """Add the features of the row's teachers."""
         row, target = self.row, "distilled.f4x"
-        head = [
-            "distill",
-            self.scene,
-            "--teacher",
-            ",".join(row.features),
-            "--clip",
-            CLIP,
-            *_options(frames=row.frames),
-        ]
-        labels = _options(vocabulary=",".join(row.vocabulary) or None)
-        command = [*head, *labels, "--features", "features", "-o", target, *self._costs(), *self._drawn()]
+        head = ["distill", self.scene, "--teacher", ",".join(row.features), "--clip", CLIP]
+        options = _options(frames=row.frames, vocabulary=",".join(row.vocabulary) or None)
+        command = [*head, *options, "--features", "features", "-o", target, *self._costs(), *self._drawn()]
         self._add("distill", command, inputs={self.source: self.scene}, reads=[row.clip])
         self.scene, self.source = target, "distill"
 

@@ -7,6 +7,7 @@ disappear. Placement and appearance are computed separately, for appearance most
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
@@ -385,8 +386,9 @@ def open_scene(path: Path | str, edits: bool = True) -> Scene:
         raise F4xError(f"{path}: {str(error).rstrip('.')}; --without-edits opens it without.") from error
 
 
-def open_with(path: Path, stack: EditStack) -> Scene:
-    """Open a scene or splat file with `stack` in place of its own edits. Raises F4xError that names the file."""
+def open_with(path: Path, edits: str) -> Scene:
+    """Open a scene or splat file with the stack of the JSON text `edits` in place of its own. F4xError that names the file."""
+    stack = EditStack.from_json(json.loads(edits), str(path))
     opened = open_any(path, sequence=False)
     assert isinstance(opened, Scene)  # only a sequence is none
     return edited(with_stack(opened, stack))

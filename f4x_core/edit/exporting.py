@@ -15,7 +15,6 @@ from ..language.lexicon import plural
 from ..processes import LineProgress, serve
 from ..scene.formats import Exported, export
 from .apply import open_with
-from .stack import EditStack
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class ExportRequest:
     def export(self, progress: LineProgress) -> Exported:
         """Write the files."""
         progress("scene", 0, 1)
-        scene = open_with(self.scene, EditStack.from_json(json.loads(self.edits), str(self.scene)))
+        scene = open_with(self.scene, self.edits)
         transform = None if self.transform is None else np.reshape(self.transform, (4, 4))
         return export(scene, self.output, self.times, self.format, transform, progress)
 

@@ -24,7 +24,6 @@ from ..scene import Scene
 from ..scene.mesh import MeshConfig, NoNodeError, SplatMesh, mesh_of
 from .apply import open_with
 from .bake import bake, unfolded
-from .stack import EditStack
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +56,7 @@ class Request:
     def made(self, progress: Progress) -> SplatMesh:
         """Make the mesh; see `mesh_of`."""
         progress("scene", 0, 1)
-        stack = EditStack.from_json(json.loads(self.edits), str(self.scene))
-        scene = open_with(self.scene, stack)
+        scene = open_with(self.scene, self.edits)
         with advising(scene):
             return mesh_of(scene, np.isin(scene.ids, self.ids), self.time, self.config, progress)
 

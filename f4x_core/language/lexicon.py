@@ -363,4 +363,4 @@ WHICH = {
     "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
     "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
 }
-"""Words by which one of several is told -> its place or size (`edit.selects.Instance`)."""
+"""Words that pick one of several things -> its place or size (`edit.selects.Instance`)."""

@@ -336,7 +336,8 @@ def best_focal(solution: Solution, lens: BundleConfig) -> tuple[float, dict[str,
         return solution.bundle.focal, {}
     held = replace(lens, iterations=HELD_ITERATIONS, refine_focal=False)
     inverse = 1 / np.maximum(sample.bundle.local(sample.observations)[:, 2], 1e-9)
-    flat = np.subtract(*np.percentile(inverse, (90, 10))) < FLAT * np.median(inverse)
+    far, usual, near = np.percentile(inverse, (10, 50, 90))
+    flat = near - far < FLAT * usual
     believed = replace(lens, focal_prior=BELIEF_IN_FLAT * lens.focal_prior) if flat else lens
 
     def tried(steps: range) -> list[Solution]:

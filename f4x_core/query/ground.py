@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import F4xError
-from ..features.unknown import unknown_kind
 from ..geometry.camera import CameraPath
 from ..scene import Scene
 from ..scene.passes import shortest_axes
+from .labels import no_teacher_knows
 
 SOLID = 0.3
 """Opacity from which a Gaussian counts as a part of a surface."""
@@ -132,12 +132,6 @@ def _ground_and_size(scene: Scene) -> tuple[Plane, float]:
 def is_of_ground(scene: Scene, label: str) -> bool:
     """Return True if `label` means the ground, and no teacher of the scene knows that word: then its shape tells."""
     return GROUND_WORDS.fullmatch(label.strip()) is not None and no_teacher_knows(scene, label)
-
-
-def no_teacher_knows(scene: Scene, label: str) -> bool:
-    """Return True if no teacher of words of the scene knows `label`, or none is there."""
-    heads = [] if scene.features is None else scene.features.heads
-    return all(unknown_kind(encoder, label) for head in heads if (encoder := head.spec.text_encoder))
 
 
 def ground_scores(scene: Scene) -> np.ndarray:

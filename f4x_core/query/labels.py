@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import F4xError
+from ..features.unknown import unknown_kind
 from ..language.lexicon import misspelt, spellings
 from ..scene import Scene
 from ..scene.field import FieldHead
@@ -100,6 +101,12 @@ def text_head(scene: Scene, name: str | None = None) -> FieldHead:
         f"In the scene '{scene.name}' {f'the head {name} does not understand' if name else 'no head understands'} words;"
         " add one with `f4x distill SCENE --teacher text`."
     )
+
+
+def no_teacher_knows(scene: Scene, label: str) -> bool:
+    """Return True if no teacher of words of the scene knows `label`, or none is there."""
+    heads = [] if scene.features is None else scene.features.heads
+    return all(unknown_kind(encoder, label) for head in heads if (encoder := head.spec.text_encoder))
 
 
 def encode_labels(encoder: str, labels: list[str]) -> np.ndarray:

@@ -10,7 +10,8 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
 from ..scene.view import render
-from .ground import no_teacher_knows, up_of
+from .ground import up_of
+from .labels import no_teacher_knows
 from .marks import Point
 from .objects import MOSTLY
 from .segmentation import connected_regions, sums_around

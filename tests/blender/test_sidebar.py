@@ -199,7 +199,15 @@ def test_what_is_typed_is_the_active_scenes_and_no_step_of_undo_of_its_own(folde
     script = """
 typed = bpy.context.window_manager.f4x
 noted["owner"] = typed.id_data.id_type
-typed.text, typed.sentence, typed.negatives = "square", "make it red", "wall"
+from feature4x.addon.ui import properties
+called = []
+properties.submit = lambda context, root, name: called.append(name)
+typed.negatives = "wall"
+typed.text, typed.sentence, typed.negatives = "square", "make it red", ""
+typed.negatives = "wall"
+typed.sentence = " "
+noted["called"] = called[:]
+typed.sentence = "make it red"
 noted["kept"] = [state.text, state.sentence, state.negatives]
 bpy.context.view_layer.objects.active = None
 bpy.data.objects.remove(root())
@@ -207,4 +215,6 @@ typed.text = "nothing is there"
 noted["none"] = [typed.text, typed.sentence]
 """
     noted, _ = perform(folder, START + script.replace("root()", "state.id_data"))
+    # what is not meant asks again where words are, emptied as well, and says nothing alone
+    assert noted.pop("called") == ["query_text", "plan", "query_text", "query_text"]
     assert noted == {"owner": "WINDOWMANAGER", "kept": ["square", "make it red", "wall"], "none": ["", ""]}

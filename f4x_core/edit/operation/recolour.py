@@ -136,10 +136,10 @@ class Recolour(Dye):
             mode: Literal["hue", "assign"] = "hue" if answer.mode == "hue" else "assign"
             return Recolour(who, rgb, mode, answer.strength / 100, answer.mode == "paint", answer.span)
 
-        def lit(answer: Any, who: SelectKind, _: Any) -> Recolour:
+        def brightness(answer: Any, who: SelectKind, _: Any) -> Recolour:
             return Recolour(who, (answer.percent / 100,) * 3, "multiply", frames=answer.span)
 
-        def exposed(answer: Any, who: SelectKind, _: Any) -> Recolour:
+        def exposure(answer: Any, who: SelectKind, _: Any) -> Recolour:
             return Recolour(who, (2 ** (answer.tenths / 10),) * 3, "light", frames=answer.span)
 
         doc = "Another colour; `paint` keeps light and dark, `flat` does not, `hue` turns the hue alone."
@@ -150,11 +150,13 @@ class Recolour(Dye):
             Reply(
                 ("brightness",),
                 "Brighter or darker, as displayed: 100 is as before.",
-                lit,
+                brightness,
                 {"percent": range(1001)},
                 "Brightness",
             ),
-            Reply(("exposure",), "Linear light, in tenths of a stop.", exposed, {"tenths": range(-60, 61)}, "Exposure"),
+            Reply(
+                ("exposure",), "Linear light, in tenths of a stop.", exposure, {"tenths": range(-60, 61)}, "Exposure"
+            ),
         )
 
     @classmethod
