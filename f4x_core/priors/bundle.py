@@ -39,6 +39,10 @@ whose logarithm is `FOCAL_SPREAD` away from the expected one (with long tails: l
 their median, and a path as large as the median distance. They decide only what observations leave open (bas-relief: with
 little translation depth, path and focal length trade for each other). On rendered clips focal lengths 14 % apart fit tracks
 within 0.3 % of the cost."""
+FOCAL_REACH = float(np.log(4))
+"""Logarithm of the largest ratio to the expected focal length that real lenses have: wide angles of phones and their longest
+lenses are within a factor of 3.7 of the usual one. Beyond, the prior grows with the square, or cameras of a world without relief
+flee to infinity."""
 ZOOM_PRIOR, ZOOM_CHANGE = 0.01, 0.005
 """Weight of the prior of a zoom, as a fraction of the squared error like `FOCAL_PRIOR`: second differences over the frames
 of the logarithm of the focal length are about `ZOOM_CHANGE`; a zoom by 1.5 that starts and stops within half a second has 0.006."""
@@ -524,10 +528,16 @@ def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float
     if config.refine_centers:
         cost += PATH_PRIOR * np.mean((problem.center**2).sum(1))
     if config.refine_focal and config.expected_focal:
-        cost += config.focal_prior * np.log1p((np.log(problem.focal / config.expected_focal) / FOCAL_SPREAD) ** 2)
+        away = np.log(problem.focal / config.expected_focal)
+        cost += config.focal_prior * (np.log1p((away / FOCAL_SPREAD) ** 2) + (_beyond_reach(away) / FOCAL_SPREAD) ** 2)
     if config.refine_zoom:
         cost += ZOOM_PRIOR * np.square(_bends(len(problem.zoom)) @ np.log(problem.zoom) / ZOOM_CHANGE).sum()
     return belief * float(cost)
+
+
+def _beyond_reach(away: float) -> float:
+    """Return by how much a logarithm of a ratio of focal lengths lies beyond `FOCAL_REACH`, with its sign; 0 within."""
+    return float(np.sign(away) * max(abs(away) - FOCAL_REACH, 0.0))
 
 
 def _bends(frames: int) -> np.ndarray:
@@ -721,9 +731,10 @@ def _add_priors(problem: _Problem, config: BundleConfig, belief: float, equation
     frames, count = len(problem.center), len(problem.points)
     if config.refine_focal and config.expected_focal:
         away = np.log(problem.focal / config.expected_focal)
-        pull = belief * config.focal_prior / (FOCAL_SPREAD**2 + away**2)
-        camera[-1, -1] += pull
-        gradient[-1] += pull * away
+        beyond, pull = _beyond_reach(away), belief * config.focal_prior / (FOCAL_SPREAD**2 + away**2)
+        steep = belief * config.focal_prior / FOCAL_SPREAD**2 * (beyond != 0)
+        camera[-1, -1] += pull + steep
+        gradient[-1] += pull * away + steep * beyond
     own_count = (len(camera) - 1) // frames
     if config.refine_zoom:
         places = own_count * np.arange(frames) + 6

@@ -50,7 +50,7 @@ from .mirror import DepthCues, choose_orientation, decide, guess_inverse_distanc
 from .motion import REFERENCE_WIDTH
 from .moving_people import dilate_masks
 from .rematch import match_anew
-from .rigid import explained_fraction
+from .rigid import explained_fraction, track_error
 from .second_look import join_resting, mask_in_doubt, release_static
 from .sfm import (
     DEFAULT_FOCAL,
@@ -138,6 +138,11 @@ MIN_REMATCHED = 0.2
 MIN_EXPLAINED_MORE, ENOUGH_EXPLAINED = 0.05, 0.85
 """Fraction of the picture that cameras of all tracks must explain beyond what those of the static ones do, to be preferred;
 they are not looked for where so much is explained already."""
+MAX_LESS_SHARP = 1.3
+"""... and the largest number of times as many pixels by which they may miss the static tracks themselves (`track_error`).
+Cameras that share their errors with a mover that fills half of the picture miss them by 1.4 to 4.6 times as many (three rendered
+clips through a lens of 2 widths, three of 24 rooms of cards), those that are rightly preferred by no more than the cameras of the
+static tracks."""
 MIN_STANDING = 0.6
 """Fraction of the picture that cameras of all tracks must explain at least: by them hardly anything moves. Where cards that all
 move fill it they explain .53."""
@@ -547,8 +552,11 @@ def _completed(job: _CameraProblem, solution: Solution) -> Solution:
 
 
 def _solve_everything(job: _CameraProblem, found: Solution, kind: str) -> tuple[Solution, str]:
-    """Return `found` and its `kind`, or cameras of all tracks that move, where those explain clearly more of the picture."""
+    """Return `found` and its `kind`, or cameras of all tracks that move, where those explain clearly more of the picture and the
+    static tracks as sharply."""
     best, chosen, most = (found, kind), job, explained_fraction(found.bundle, job.tracks, job.visible)
+    believed = job.tracks[:, job.static], job.visible[:, job.static]
+    blurred = MAX_LESS_SHARP * track_error(found.bundle, *believed)
     for solver in ("direct", "tracks") if job.settings.solver == "auto" else (job.settings.solver,):
         if most >= ENOUGH_EXPLAINED:
             break
@@ -562,7 +570,8 @@ def _solve_everything(job: _CameraProblem, found: Solution, kind: str) -> tuple[
         solution, other_kind = _solve(other)
         explained = explained_fraction(solution.bundle, job.tracks, job.visible)
         more = MIN_EXPLAINED_MORE if chosen is job else 0.0
-        if other_kind == "moving" and explained > max(most + more, MIN_STANDING) and _translates(other, solution):
+        enough = explained > max(most + more, MIN_STANDING) and track_error(solution.bundle, *believed) <= blurred
+        if other_kind == "moving" and enough and _translates(other, solution):
             best, chosen, most = (solution, other_kind), other, explained
     if chosen is not job:
         job.warnings[:] = chosen.warnings

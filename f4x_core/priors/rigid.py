@@ -58,14 +58,34 @@ def fills_border(mask: np.ndarray) -> bool:
 
 
 def explained_fraction(bundle: Bundle, tracks: np.ndarray, visible: np.ndarray) -> float:
-    """Fraction of the picture whose tracks are one point in space each, or one direction where no camera stands elsewhere.
+    """Return the fraction of the picture whose tracks are one point in space each, or one direction where all cameras are at one
+    place.
 
     `tracks (F,N,2)` pixels, `visible (F,N)`. Every square of `CELL` pixels with tracks counts alike in every frame.
     """
+    seen, error = _as_points(bundle, tracks, visible)
+    if not len(error):
+        return 0.0
+    explained = error < TRACK_OUTLIER_PX
+    column, row = np.floor(seen.uv / CELL).astype(int).T
+    _, cell = np.unique(np.stack([seen.frame, row, column]), axis=1, return_inverse=True)
+    return float((np.bincount(cell, explained[seen.point]) / np.bincount(cell)).mean())
+
+
+def track_error(bundle: Bundle, tracks: np.ndarray, visible: np.ndarray) -> float:
+    """Return the median over the tracks of their distance in pixels (rms) from one point in space each; inf without tracks.
+
+    Shapes as in `explained_fraction`.
+    """
+    error = _as_points(bundle, tracks, visible)[1]
+    return float(np.median(error)) if len(error) else np.inf
+
+
+def _as_points(bundle: Bundle, tracks: np.ndarray, visible: np.ndarray) -> tuple[Observations, np.ndarray]:
+    """Return the sightings of the n tracks that are seen long enough, and the distance of each from one point in space, (n,) pixels
+    (rms)."""
     kept = np.flatnonzero(visible.sum(0) >= min(MIN_FRAMES, len(tracks)))
     frame, point = np.nonzero(visible[:, kept])
-    if not len(frame):
-        return 0.0
     uv = tracks[:, kept][frame, point].astype(np.float64)
     seen = Observations(frame, point, uv, np.ones(len(frame)))
     if np.ptp(bundle.center, axis=0).any():
@@ -75,10 +95,7 @@ def explained_fraction(bundle: Bundle, tracks: np.ndarray, visible: np.ndarray) 
         np.add.at(points, point, rays(bundle, seen))
         points += bundle.center[0]
     squares = replace(bundle, points=points).errors(seen) ** 2
-    explained = np.bincount(point, squares, len(kept)) < TRACK_OUTLIER_PX**2 * np.bincount(point)
-    column, row = np.floor(uv / CELL).astype(int).T
-    _, cell = np.unique(np.stack([frame, row, column]), axis=1, return_inverse=True)
-    return float((np.bincount(cell, explained[point]) / np.bincount(cell)).mean())
+    return seen, np.sqrt(np.bincount(point, squares, len(kept)) / np.bincount(point, minlength=len(kept)))
 
 
 def flow_beyond_cameras(

@@ -210,8 +210,9 @@ def prior_by_hand(problem, config):
         cost += module.DEPTH_PRIOR / config.relief**2 * np.mean(away**2)
         cost += module.PATH_PRIOR * np.mean(np.linalg.norm(problem.center, axis=1) ** 2)
     if config.refine_focal and config.expected_focal:
-        away = np.log(problem.focal / config.expected_focal) / module.FOCAL_SPREAD
-        cost += config.focal_prior * np.log(1 + away**2)
+        away = abs(np.log(problem.focal / config.expected_focal))
+        cost += config.focal_prior * np.log(1 + (away / module.FOCAL_SPREAD) ** 2)
+        cost += config.focal_prior * (max(away - np.log(4), 0) / module.FOCAL_SPREAD) ** 2
     if config.refine_zoom:
         logarithm = np.log(problem.zoom)
         bends = logarithm[2:] - 2 * logarithm[1:-1] + logarithm[:-2]
@@ -226,7 +227,8 @@ def test_what_is_believed_costs_what_its_docstring_says(zooms):
     problem = problem_of(bundle)
     if not zooms:
         assert module._prior_cost(problem, replace(config, refine_centers=False, refine_focal=False), 1.0) == 0
-    for one in (config, replace(config, refine_centers=False), replace(config, refine_focal=False)):
+    short, long = (replace(config, expected_focal=FOCAL * ratio) for ratio in (5.0, 0.2))
+    for one in (config, replace(config, refine_centers=False), replace(config, refine_focal=False), short, long):
         assert module._prior_cost(problem, one, 3.0) == pytest.approx(3 * prior_by_hand(problem, one))
     centred = module._Problem.of(bundle, bundle.center[2], module._unit(bundle)).centred()
     cost = module._costs(centred, seen, config).sum()

@@ -679,18 +679,20 @@ def test_cameras_are_adjusted_until_no_frame_is_left_behind(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("found", "direct", "tracks", "chosen"),
+    ("found", "direct", "tracks", "blurred", "chosen"),
     [
-        (0.85, 1.0, 1.0, ""),  # enough: nothing else is tried
-        (0.6, 0.64, 0.65, ""),
-        (0.6, 0.66, 0.65, "direct"),
-        (0.6, 0.66, 0.67, "tracks"),
-        (0.6, 0.86, 1.0, "direct"),
-        (0.6, None, 0.7, "tracks"),
-        (0.2, 0.59, 0.3, ""),  # not even these stand
+        (0.85, 1.0, 1.0, (), ""),  # enough: nothing else is tried
+        (0.6, 0.64, 0.65, (), ""),
+        (0.6, 0.66, 0.65, (), "direct"),
+        (0.6, 0.66, 0.67, (), "tracks"),
+        (0.6, 0.86, 1.0, (), "direct"),
+        (0.6, 0.86, 1.0, ("direct",), "tracks"),  # the direct ones miss what stands
+        (0.6, 0.86, 1.0, ("direct", "tracks"), ""),
+        (0.6, None, 0.7, (), "tracks"),
+        (0.2, 0.59, 0.3, (), ""),  # not even these stand
     ],
 )
-def test_cameras_of_everything_explain_more_of_the_picture(monkeypatch, found, direct, tracks, chosen):
+def test_cameras_of_everything_explain_more_of_the_picture(monkeypatch, found, direct, tracks, blurred, chosen):
     """`None`: they only turn."""
     explained = {"": found, "direct": direct, "tracks": tracks}
     solutions = {name: solution_of(truth(frames=8, points=20)) for name in explained}
@@ -709,6 +711,8 @@ def test_cameras_of_everything_explain_more_of_the_picture(monkeypatch, found, d
     monkeypatch.setattr(module, "_translates", lambda job, solution: True)
     fractions = {id(solutions[name].bundle): fraction or 1.0 for name, fraction in explained.items()}
     monkeypatch.setattr(module, "explained_fraction", lambda bundle, *more: fractions[id(bundle)])
+    errors = {id(solutions[name].bundle): 0.3 + 0.1 * (name in blurred) for name in explained}
+    monkeypatch.setattr(module, "track_error", lambda bundle, *more: errors[id(bundle)])
     solution, kind = module._solve_everything(job, solutions[""], "pan")
     assert solution is solutions[chosen] and kind == ("moving" if chosen else "pan")
     assert job.warnings == ([chosen] if chosen else ["It zooms."]) and ("zoom" in job.statistics) == (not chosen)

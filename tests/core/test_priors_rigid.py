@@ -37,8 +37,13 @@ def test_the_fraction_of_the_picture_that_points_explain():
     assert rigid.explained_fraction(bundle_of(cams), *again) == pytest.approx(
         every, abs=0.05
     )  # dense tracks count once
+    assert rigid.track_error(bundle_of(cams), uv, visible & ~walks) < 0.01
+    assert rigid.track_error(bundle_of(cams), uv, visible & walks) > 2
+    shaken = uv + np.random.default_rng(2).normal(0, 0.3, uv.shape)
+    assert rigid.track_error(bundle_of(cams), shaken, visible & ~walks) == pytest.approx(0.3 * np.sqrt(2), rel=0.1)
     brief = visible & (np.arange(FRAMES) < rigid.MIN_FRAMES - 1)[:, None]
     assert rigid.explained_fraction(bundle_of(cams), uv, brief) == 0
+    assert rigid.track_error(bundle_of(cams), uv, brief) == np.inf
 
 
 def test_a_camera_that_only_turns_explains_directions():
