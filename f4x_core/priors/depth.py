@@ -21,7 +21,7 @@ from ..native.library import open_library
 from ..native.maps import F4X_SMOOTH_MAP, SMOOTHING
 from ..parallel import in_threads
 from ..progress import Progress
-from .cameras import static_tracks
+from .camera_problem import static_tracks
 from .config import PriorsConfig
 from .contact import GUESS_CONFIDENCE, MOVING_MARGIN
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along

@@ -12,7 +12,7 @@ from ..metrics.believed import Believed, believed_degrees, depth_evidence
 from ..metrics.viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
 from ..metrics.way_round import WayRound
 from ..priors import Priors
-from ..priors.cameras import static_tracks
+from ..priors.camera_problem import static_tracks
 from ..scaffold import Scaffold
 from .finding import MOVING_DEPTH, PATH, Finding, Weight, caused_by
 

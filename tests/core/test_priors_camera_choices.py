@@ -9,13 +9,31 @@ from test_priors_cameras import FOCAL, HEIGHT, PRINCIPAL, WIDTH, clip_and_priors
 
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.priors import CamerasConfig, PriorsConfig
-from f4x_core.priors import cameras as module
+from f4x_core.priors import (
+    CamerasConfig,
+    PriorsConfig,
+    camera_problem,
+    cameras,
+    mirror,
+    moving_people,
+    pan,
+    refinement,
+    sfm,
+    structure,
+)
+from f4x_core.priors import bundle as bundle_module
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
+from f4x_core.priors.camera_problem import Attempt
 from f4x_core.priors.folder import SEEN_DEPTH
 from f4x_core.priors.mirror import Decision, Evidence, mirrored
 from f4x_core.priors.sfm import DEFAULT_FOCAL, FOCALS, Solution, refocused, sightings, subset, with_points_ahead
+from f4x_core.priors.zoom import Zoom, mean_cost
 from f4x_core.progress import silent
+
+
+def standing(frames):
+    """A camera that stands and sees nothing."""
+    return cameras._static_camera(np.tile(np.eye(3), (frames, 1, 1)), replace(job_of(), focal=100.0))
 
 
 def solution_of(bundle, noise=0.0):
@@ -28,7 +46,7 @@ def job_of(bundle=None, noise=0.1, first=None, **settings):
     tracks, visible = project(bundle, noise)
     clip, priors = clip_and_priors(tracks, visible)
     static = np.ones(tracks.shape[1], bool)
-    return module._CameraProblem(
+    return camera_problem.CameraProblem(
         clip,
         priors,
         PriorsConfig(cameras=CamerasConfig(**settings)),
@@ -37,8 +55,6 @@ def job_of(bundle=None, noise=0.1, first=None, **settings):
         static,
         FOCAL,
         first,
-        {},
-        [],
         silent,
     )
 
@@ -47,12 +63,13 @@ def test_frames_count_as_registered_when_their_cameras_meet_what_stands():
     """Any number of them, from which a first solution was made."""
     bundle = truth(frames=30, points=120)
     job = job_of(bundle, noise=0.1)
-    found = module._trusted(job, solution_of(bundle))
-    assert job.statistics == {"registered": 30} and found.registered.all() and found.bundle is bundle
+    found = refinement._trusted(job, Attempt(solution_of(bundle)))
+    assert found.statistics == {"registered": 30}
+    assert found.solution.registered.all() and found.solution.bundle is bundle
     turned = quaternion.to_matrix(quaternion.from_rotation_vector(np.array([0.0, 0.04, 0.0])))
     wrong = replace(bundle, rotation=np.concatenate([bundle.rotation[:-2], turned @ bundle.rotation[-2:]]))
-    assert module._trusted(job, solution_of(wrong)).registered.all()
-    assert job.statistics == {"registered": 30, "grown": True}
+    found = refinement._trusted(job, Attempt(solution_of(wrong)))
+    assert found.solution.registered.all() and found.statistics == {"registered": 30, "grown": True} and found.in_doubt
 
 
 def test_the_largest_median_shift_between_two_frames():
@@ -67,12 +84,14 @@ def test_the_largest_median_shift_between_two_frames():
                 shared = visible[i] & visible[j] & static
                 if shared.sum() >= 12:
                     best.append(np.median(np.hypot(*(tracks[j, shared] - tracks[i, shared]).T)))
-        assert module.static_shift(tracks, visible, static, most) == pytest.approx(max(best))
-    assert module.static_shift(tracks, visible, static) == module.static_shift(tracks, visible, static, 24)
+        assert camera_problem.static_shift(tracks, visible, static, most) == pytest.approx(max(best))
+    assert camera_problem.static_shift(tracks, visible, static) == camera_problem.static_shift(
+        tracks, visible, static, 24
+    )
     twelve = np.arange(40) < 12
-    assert module.static_shift(tracks[:2], np.ones((2, 40), bool), twelve) > 0
-    assert np.isnan(module.static_shift(tracks[:2], np.ones((2, 40), bool), np.arange(40) < 11))
-    assert np.isnan(module.static_shift(tracks[:1], visible[:1], static))
+    assert camera_problem.static_shift(tracks[:2], np.ones((2, 40), bool), twelve) > 0
+    assert np.isnan(camera_problem.static_shift(tracks[:2], np.ones((2, 40), bool), np.arange(40) < 11))
+    assert np.isnan(camera_problem.static_shift(tracks[:1], visible[:1], static))
 
 
 @pytest.mark.parametrize(
@@ -89,18 +108,18 @@ def test_the_largest_median_shift_between_two_frames():
 def test_frames_are_linked_by_half_of_the_fewer_tracks(first, second, both, expected):
     visible = np.zeros((2, first + second), bool)
     visible[0, :first], visible[1, first - both : first - both + second] = True, True
-    assert module.linked(visible) == expected
-    assert module.linked(np.vstack([visible, visible[1:]])) == expected
-    assert module.linked(np.vstack([visible[:1], visible])) == expected
+    assert structure.linked(visible) == expected
+    assert structure.linked(np.vstack([visible, visible[1:]])) == expected
+    assert structure.linked(np.vstack([visible[:1], visible])) == expected
 
 
 def test_static_tracks_are_those_below_one_half():
     _, priors = clip_and_priors(*project(truth(frames=3, points=4)), motion=np.float32([0.49, 0.5, 0.51, 0]))
-    np.testing.assert_array_equal(module.static_tracks(priors)[2], [True, False, False, True])
+    np.testing.assert_array_equal(camera_problem.static_tracks(priors)[2], [True, False, False, True])
     priors.tracks_motion = None
-    assert module.static_tracks(priors)[2].tolist() == [True] * 4
+    assert camera_problem.static_tracks(priors)[2].tolist() == [True] * 4
     for name in ("tracks", "tracks_visible"):
-        tracks, visible, static = module.static_tracks(replace(priors, **{name: None}))
+        tracks, visible, static = camera_problem.static_tracks(replace(priors, **{name: None}))
         assert (tracks.shape, visible.shape, static.shape) == ((3, 0, 2), (3, 0), (0,))
 
 
@@ -115,12 +134,12 @@ def test_interpolation_leaves_one_camera_out():
         points = true.points[np.unique(seen.point[seen.frame == i])]
         away = rest.at(times[i]).project(points)[0] - path[i].project(points)[0]
         errors.append(np.median(np.hypot(*away.T)))
-    found = module.interpolation_error(true, few, times)
+    found = cameras.interpolation_error(true, few, times)
     assert found["mean"] == pytest.approx(np.mean(errors), abs=6e-4)
     assert found["p90"] == pytest.approx(np.percentile(errors, 90), abs=6e-4)
     twelve = seen.keep((seen.frame == 4) & np.isin(seen.point, np.unique(seen.point[seen.frame == 4])[:12]))
-    assert module.interpolation_error(true, twelve, times) is not None
-    assert module.interpolation_error(true, seen.keep(seen.frame < 2), times) is None
+    assert cameras.interpolation_error(true, twelve, times) is not None
+    assert cameras.interpolation_error(true, seen.keep(seen.frame < 2), times) is None
 
 
 def test_outliers_go_and_with_them_points_seen_twice():
@@ -134,7 +153,7 @@ def test_outliers_go_and_with_them_points_seen_twice():
         errors = true.errors(noisy)
         kept = errors < max(3, 4 * np.median(errors))
         count = [kept[noisy.point == p].sum() for p in range(50)]
-        bundle, rest = module.without_outliers(true, noisy)
+        bundle, rest = bundle_module.without_outliers(true, noisy)
         chosen = [p for p in range(50) if count[p] >= 3]
         np.testing.assert_array_equal(bundle.points, true.points[chosen])
         rows = [
@@ -142,46 +161,50 @@ def test_outliers_go_and_with_them_points_seen_twice():
         ]
         np.testing.assert_array_equal(np.column_stack([rest.frame, rest.point]), rows)
     lost = replace(true, points=np.where(np.arange(50)[:, None] < 5, np.nan, true.points))
-    assert len(module.without_outliers(lost, seen)[0].points) < 46
+    assert len(bundle_module.without_outliers(lost, seen)[0].points) < 46
     most = replace(true, points=np.where(np.arange(50)[:, None] < 40, -true.points, true.points))
-    assert 0 < len(module.without_outliers(most, seen)[0].points) <= 10  # those in front, where most are behind
+    assert 0 < len(bundle_module.without_outliers(most, seen)[0].points) <= 10  # those in front, where most are behind
     two = truth(frames=2, points=20)
-    assert len(module.without_outliers(two, observe(two))[0].points) == observe(two).visible(2, 20).all(0).sum()
+    assert len(bundle_module.without_outliers(two, observe(two))[0].points) == observe(two).visible(2, 20).all(0).sum()
     nothing = seen.keep(np.zeros(len(seen.frame), bool))
-    assert len(module.without_outliers(true, nothing)[0].points) == 0
+    assert len(bundle_module.without_outliers(true, nothing)[0].points) == 0
 
 
 def test_the_first_camera_is_the_origin_of_the_same_geometry():
     true = truth(frames=4, points=20)
-    moved = module._first_camera_at_origin(true)
+    moved = cameras._first_camera_at_origin(true)
     np.testing.assert_allclose(moved.rotation[0], np.eye(3), atol=1e-12)
     np.testing.assert_allclose(moved.center[0], 0, atol=1e-12)
     assert moved.errors(observe(true)).max() < 1e-4
     solution = solution_of(true)
     z = true.local(solution.observations)[:, 2]
-    assert module._median_depth(solution) == pytest.approx(np.median(z))
+    assert cameras._median_depth(solution) == pytest.approx(np.median(z))
     small = replace(true, points=0.1 * true.points, center=0.1 * true.center)
-    assert module._median_depth(replace(solution, bundle=small)) == pytest.approx(0.1 * np.median(z))
+    assert cameras._median_depth(replace(solution, bundle=small)) == pytest.approx(0.1 * np.median(z))
     behind = replace(true, points=np.where(np.arange(20)[:, None] < 8, -true.points, true.points))
     z = behind.local(solution.observations)[:, 2]
-    assert module._median_depth(replace(solution, bundle=behind)) == pytest.approx(np.median(z[z > 0]))
-    nothing = module._static_camera(3, 100.0, PRINCIPAL)
-    assert module._median_depth(nothing) == 1 and nothing.registered.all() and not nothing.bundle.center.any()
+    assert cameras._median_depth(replace(solution, bundle=behind)) == pytest.approx(np.median(z[z > 0]))
+    nothing = standing(3)
+    assert cameras._median_depth(nothing) == 1 and nothing.registered.all() and not nothing.bundle.center.any()
     np.testing.assert_array_equal(nothing.bundle.rotation, np.tile(np.eye(3), (3, 1, 1)))
     assert nothing.bundle.points.shape == (0, 3) and nothing.observations.uv.shape == (0, 2)
     path = true.path(np.arange(4), WIDTH, HEIGHT)
     turns = [np.arccos((np.trace(a.T @ b) - 1) / 2) for a, b in zip(true.rotation[1:], true.rotation[:-1], strict=True)]
-    np.testing.assert_allclose(module._turns(path), turns, rtol=1e-6)
-    assert module._json(1.23456) == 1.2346 and module._json(np.inf) is None and module._json(np.nan) is None
+    np.testing.assert_allclose(cameras._turns(path), turns, rtol=1e-6)
+    assert (
+        camera_problem.rounded(1.23456) == 1.2346
+        and camera_problem.rounded(np.inf) is None
+        and camera_problem.rounded(np.nan) is None
+    )
     for known, share in (([0, 1, 0, 1, 0], 0.6), ([0, 0, 0, 0, 0], 0), ([1, 0, 0, 0, 1], 1), ([0, 0, 1, 0, 0], 0.2)):
-        assert module._covered(np.array(known, bool)) == pytest.approx(share)
+        assert structure._covered(np.array(known, bool)) == pytest.approx(share)
 
 
 def test_masks_grow_to_every_side():
     mask = np.zeros((2, 20, 24), bool)
     mask[0, 8, 9], mask[1, 0, 23] = True, True
     for margin in (1, 3):
-        found = module.dilate_masks(mask, margin)
+        found = moving_people.dilate_masks(mask, margin)
         square = np.ones((2 * margin + 1,) * 2)
         np.testing.assert_array_equal(found, [ndimage.binary_dilation(one, square) for one in mask])
 
@@ -190,14 +213,13 @@ def test_keyframes_are_spread_over_all_frames():
     true = truth(frames=3, points=20)
     keyframes = np.array([1, 4, 6])
     solution = replace(solution_of(true), registered=np.array([True, False, True]))
-    found = module._spread(solution, keyframes, 8)
+    found = structure._spread(solution, keyframes, 8)
     np.testing.assert_array_equal(np.flatnonzero(found.registered), [1, 6])
     np.testing.assert_array_equal(found.bundle.center[keyframes], true.center)
     np.testing.assert_array_equal(found.bundle.rotation[keyframes], true.rotation)
     np.testing.assert_array_equal(found.bundle.rotation[0], np.eye(3))
     assert not found.bundle.center[[0, 2, 3, 5, 7]].any()
     np.testing.assert_array_equal(found.observations.frame, keyframes[solution.observations.frame])
-    np.testing.assert_array_equal(module._keyframes(9, 3), [0, 4, 8])
 
 
 def test_few_points_that_hold_all_frames_are_kept():
@@ -208,24 +230,24 @@ def test_few_points_that_hold_all_frames_are_kept():
     often = np.flatnonzero(seen.visible(6, 50).all(0))[1]
     seen = seen.keep((seen.point != often) | (seen.frame < 2))
     solution = Solution(replace(true, points=points), seen, np.ones(6, bool))
-    kept = np.unique(module._limited_observations(solution, 100).point)
+    kept = np.unique(refinement._limited_observations(solution, 100).point)
     count = np.bincount(seen.point, minlength=50)
     np.testing.assert_array_equal(kept, [p for p in range(50) if count[p] > 2 and p != 2])
-    assert count[often] == 2 and len(np.unique(module._limited_observations(solution, 12).point)) == 12
+    assert count[often] == 2 and len(np.unique(refinement._limited_observations(solution, 12).point)) == 12
 
 
 def test_missing_cameras_are_put_on_the_path_through_the_others():
     true = truth(frames=8, points=20)
     registered, times = np.array([1, 1, 0, 1, 0, 0, 1, 1], bool), np.array([0, 1, 2, 3, 5, 6, 7, 9.0])
     bundle = replace(true, center=np.where(registered[:, None], true.center, 99.0))
-    found = module._interpolated(bundle, registered, np.array([2, 5]), times)
+    found = refinement._interpolated(bundle, registered, np.array([2, 5]), times)
     known = CameraPath(true.intrinsics[registered], true.world_to_camera[registered], times[registered], WIDTH, HEIGHT)
     for frame in (2, 5):
         np.testing.assert_allclose(found.center[frame], known.at(times[frame]).center, atol=1e-12)
         np.testing.assert_allclose(found.rotation[frame], known.at(times[frame]).world_to_camera[:3, :3], atol=1e-12)
     np.testing.assert_array_equal(found.center[4], [99, 99, 99])
     seen = observe(true)
-    again = module._triangulated(replace(true, points=true.points + 1), seen, registered, 5)
+    again = refinement._triangulated(replace(true, points=true.points + 1), seen, registered, 5)
     np.testing.assert_array_equal(again.points[:5], true.points[:5] + 1)
     expected, _ = triangulate(true, seen.keep(registered[seen.frame]), 20)
     np.testing.assert_array_equal(again.points[5:], expected[5:])
@@ -240,24 +262,24 @@ def test_a_solution_is_completed_from_its_neighbours_outwards(monkeypatch):
         observe(true, 0.1).keep(registered[observe(true).frame]),
         registered,
     )
-    rings, adjusted, solve = [], [], module.resect
+    rings, adjusted, solve = [], [], refinement.resect
 
     def resect(bundle, seen, frames):
         rings.append(frames.tolist())
         assert set(np.unique(seen.weight)) == {0.2, 1.0}
         return solve(bundle, seen, frames)
 
-    monkeypatch.setattr(module, "resect", resect)
+    monkeypatch.setattr(refinement, "resect", resect)
     monkeypatch.setattr(
-        module, "adjust", lambda bundle, seen, config: adjusted.append(config) or adjust(bundle, seen, config)
+        refinement, "adjust", lambda bundle, seen, config: adjusted.append(config) or adjust(bundle, seen, config)
     )
-    found = module.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0))
+    found = refinement.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0))
     assert rings == [[1, 5], [0, 6], [7], [8]] and found.registered.all()
     assert adjusted[0].iterations == 10 and not adjusted[0].refine_focal
     assert np.median(found.bundle.errors(found.observations)) < 0.3
     own, extra = start.observations, sightings(tracks, visible, np.ones(80, bool), 2000)[0]
     assert len(own.frame) < len(found.observations.frame) <= len(own.frame) + len(extra.frame)
-    module.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0), BundleConfig(refine_focal=True))
+    refinement.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0), BundleConfig(refine_focal=True))
     assert adjusted[1].refine_focal and adjusted[1].iterations == 10
 
 
@@ -283,7 +305,7 @@ def test_translating_is_judged_by_gain_and_size(travel, noise):
     true = truth(frames=8, travel=travel, points=120)
     true = replace(true, points=0.4 * true.points + 1, center=0.4 * true.center + 1)
     job, moved = job_of(true, noise=noise), solution_of(true, noise=noise)
-    real = module._translates(job, moved)
+    translation = structure.translation_of(job, moved)
     seen = moved.observations
     sample, _ = subset(moved, 120, 8)
     still = refocused(replace(sample), FOCAL, False).bundle
@@ -292,14 +314,14 @@ def test_translating_is_judged_by_gain_and_size(travel, noise):
         sample.observations,
         replace(job.lens, refine_centers=False, iterations=20),
     )
-    own = module.mean_cost(sample.bundle, sample.observations, 3 * 8 + len(sample.bundle.points))
-    gain = 1 - own / module.mean_cost(still, sample.observations)
+    own = mean_cost(sample.bundle, sample.observations, 3 * 8 + len(sample.bundle.points))
+    gain = 1 - own / mean_cost(still, sample.observations)
     inverse = 1 / sample.bundle.local(sample.observations)[:, 2]
     spread = np.clip(inverse, *np.percentile(inverse, (2, 98))).std()
     reach = np.sqrt(((true.center - true.center.mean(0)) ** 2).sum(1).mean())
     size = FOCAL * spread * reach
-    assert real == (gain >= 0.1 and size >= 0.5)
-    found = job.statistics["translation"]
+    real, found = gain >= 0.1 and size >= 0.5, translation.summary()
+    assert translation.real == real
     assert found["gain"] == pytest.approx(gain, abs=1e-4) and found["size_px"] == pytest.approx(size, abs=1e-4)
     assert found["verdict"] == ("none" if not real else "large" if size >= 8 else "small")
     assert len(seen.frame)
@@ -320,21 +342,21 @@ def test_more_frames_are_sampled_where_points_are_few(monkeypatch, points, per_f
         seen = Observations(frame, 0 * frame, np.zeros((len(frame), 2)), np.ones(len(frame)))
         return Solution(bundle, seen, np.ones(asked[-1], bool)), np.arange(asked[-1])
 
-    monkeypatch.setattr(module, "subset", taken)
+    monkeypatch.setattr(sfm, "subset", taken)
     true = truth(frames=90, points=10)
-    _, kept = module._sampled(Solution(true, observe(true), np.ones(90, bool)))
+    _, kept = sfm.sampled(Solution(true, observe(true), np.ones(90, bool)))
     assert asked == frames and len(kept) == frames[-1]
     asked.clear()
     long = truth(frames=200, points=10)
     monkeypatch.setattr(
-        module,
+        sfm,
         "subset",
         lambda solution, most, count: (
             asked.append(count)
             or (replace(solution, observations=observe(long).keep(np.zeros(0, int))), np.arange(count))
         ),
     )
-    module._sampled(Solution(long, observe(long), np.ones(200, bool)))
+    sfm.sampled(Solution(long, observe(long), np.ones(200, bool)))
     assert asked == [24, 48, 96]
 
 
@@ -343,8 +365,8 @@ def test_what_lost_a_doubtful_decision_stays_a_rival(margin, monkeypatch):
     true = truth(frames=8, points=120)
     lost = replace(true, center=true.center - 1, points=true.points + 1)
     decision = Decision(true, True, (Evidence("it", margin, ""),), lost)
-    monkeypatch.setattr(module, "choose_orientation", lambda *asked: decision)
-    found = module._resolve_mirror(job_of(true), solution_of(true))
+    monkeypatch.setattr(structure, "choose_orientation", lambda *asked: decision)
+    found = structure._resolve_mirror(job_of(true), solution_of(true)).solution
     np.testing.assert_array_equal(found.bundle.center, true.center)
     if margin > 4.6:
         assert found.rival is None
@@ -359,15 +381,15 @@ def test_of_two_rivals_the_one_that_holds_all_frames_wins(chosen):
     true = truth(frames=12, points=120)
     wrong = mirrored(true)
     job = job_of(true)
-    job.statistics["mirror"] = {"verdict": "toss-up"}
     sides = [solution_of(true), replace(solution_of(true), bundle=wrong)]
     first, rival = sides if chosen == "right" else sides[::-1]
-    found = module._completed(job, replace(first, rival=rival))
+    start = Attempt(replace(first, rival=rival), statistics={"mirror": {"verdict": "toss-up"}})
+    completed = refinement._completed(job, start)
+    found, decided = completed.solution, completed.statistics["mirror"]
     points, _ = triangulate(found.bundle, observe(true), len(true.points))
     known = np.isfinite(points).all(1)
     assert np.corrcoef(points[known, 2], true.points[known, 2])[0, 1] > 0.9 and found.error < 0.3
-    assert job.statistics["mirror"]["sample"] == {"verdict": "toss-up"}
-    assert job.statistics["mirror"]["evidence"][0]["for"] > 0
+    assert decided["sample"] == {"verdict": "toss-up"} and decided["evidence"][0]["for"] > 0
 
 
 def test_points_that_rays_meet_behind_the_cameras_go_to_infinity():
@@ -397,10 +419,11 @@ def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
     def module_decision(bundle):
         return Decision(replace(bundle, center=bundle.center + 1), False, ())
 
-    monkeypatch.setattr(module, "choose_orientation", choose)
+    monkeypatch.setattr(structure, "choose_orientation", choose)
     start = solution_of(true)
-    sample, frames = module._sampled(start)
-    found = module._resolve_mirror(job, start)
+    sample, frames = sfm.sampled(start)
+    attempt = structure._resolve_mirror(job, start)
+    found = attempt.solution
     starts, _, lens, known = asked[0]
     assert len(starts) == 1 and lens == job.lens
     np.testing.assert_array_equal(known.frames, frames)
@@ -408,23 +431,23 @@ def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
     np.testing.assert_array_equal(found.observations.frame, frames[sample.observations.frame])
     holding = np.bincount(sample.observations.frame, minlength=8)
     np.testing.assert_array_equal(found.registered, holding >= 12)
-    assert job.statistics["mirror"]["chosen"] == "least error"
+    assert attempt.statistics["mirror"]["chosen"] == "least error"
     assert found.rival is None, "there was only one solution"
     turning = replace(start, bundle=replace(true, center=0 * true.center, points=3 * true.points))
-    module._resolve_mirror(job, turning)
+    structure._resolve_mirror(job, turning)
     starts = asked[1][0]
-    sample, _ = module._sampled(turning)
+    sample, _ = sfm.sampled(turning)
     directions = sample.bundle.points / np.linalg.norm(sample.bundle.points, axis=1, keepdims=True)
-    below = module.guess_inverse_distance(directions, sample.bundle.rotation)[:, None]
+    below = mirror.guess_inverse_distance(directions, sample.bundle.rotation)[:, None]
     np.testing.assert_allclose(starts[0].points, directions / below)
     np.testing.assert_allclose(starts[1].points, directions * below)
     nothing = replace(start, observations=start.observations.keep(np.zeros(0, int)))
-    assert module._resolve_mirror(job, nothing) is None
-    some = module._with_sightings(job, nothing)
+    assert structure._resolve_mirror(job, nothing) is None
+    some = structure._with_sightings(job, nothing)
     expected, order = sightings(job.tracks, job.visible, job.static, 2000)
     np.testing.assert_array_equal(some.observations.uv, expected.uv)
     np.testing.assert_allclose(some.bundle.points, triangulate(true, expected, len(order))[0])
-    assert module._with_sightings(job, start) is start
+    assert structure._with_sightings(job, start) is start
     job.priors.scratch[SEEN_DEPTH] = "seen"
     assert job.cues(frames).depth == "seen"
     job.priors.depth = "prior"
@@ -441,7 +464,7 @@ def known(error, registered):
     registered = np.array(registered, bool)
     count = len(registered)
     bundle = Bundle(error, PRINCIPAL, np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros((0, 3)))
-    return Known(bundle, module._static_camera(1, 1.0, PRINCIPAL).observations, registered)
+    return Known(bundle, standing(1).observations, registered)
 
 
 ALL, NINE, EIGHT, FIVE, FOUR = ([1] * n + [0] * (10 - n) for n in (10, 9, 8, 5, 4))
@@ -466,30 +489,33 @@ ALL, NINE, EIGHT, FIVE, FOUR = ([1] * n + [0] * (10 - n) for n in (10, 9, 8, 5, 
 def test_the_better_of_two_incremental_solvers(monkeypatch, colmap, own, solver, chosen, warned):
     made = {name: None if one is None else known(*one) for name, one in (("colmap", colmap), ("tracks", own))}
     job = job_of(truth(frames=10, points=20), solver=solver)
-    monkeypatch.setattr(module, "_solve_keyframes", lambda job, frames: made["colmap"])
-    monkeypatch.setattr(module, "solve_with_tracks", lambda *all: made["tracks"])
-    found, name = module._solve_incrementally(job)
-    assert name == chosen and found is made.get(chosen)
-    assert bool(job.warnings) == warned
+    monkeypatch.setattr(structure, "_solve_keyframes", lambda job, frames: made["colmap"])
+    monkeypatch.setattr(structure, "solve_with_tracks", lambda *all: made["tracks"])
+    found = structure._solve_incrementally(job)
+    if chosen == "none":
+        assert found is None
+    else:
+        assert found.statistics == {"solver": chosen} and found.solution is made[chosen]
+        assert bool(found.warnings) == warned
 
 
 def test_keyframes_get_masks_a_hundredth_wider(monkeypatch):
     job, asked = job_of(focal=0.8, features=99, seed=3), []
     job.priors.mask = np.zeros((8, HEIGHT, WIDTH), bool)
     job.priors.mask[:, 50, 60] = True
-    monkeypatch.setattr(module, "solve_with_colmap", lambda *all: asked.append(all))
-    assert module._solve_keyframes(job, np.array([1, 5])) is None
+    monkeypatch.setattr(structure, "solve_with_colmap", lambda *all: asked.append(all))
+    assert structure._solve_keyframes(job, np.array([1, 5])) is None
     pictures, masks, settings = asked[0]
     np.testing.assert_array_equal(pictures, job.clip.frames[[1, 5]])
-    np.testing.assert_array_equal(masks, module.dilate_masks(job.priors.mask[[1, 5]], 3))
+    np.testing.assert_array_equal(masks, moving_people.dilate_masks(job.priors.mask[[1, 5]], 3))
     assert (settings.focal, settings.focal_known, settings.features, settings.seed) == (FOCAL, True, 99, 3)
     found = solution_of(truth(frames=2, points=20))
-    monkeypatch.setattr(module, "solve_with_colmap", lambda *all: asked.append(all) or found)
+    monkeypatch.setattr(structure, "solve_with_colmap", lambda *all: asked.append(all) or found)
     free = job_of()
-    assert module._solve_keyframes(free, np.array([1, 5])).registered.sum() == 2
+    assert structure._solve_keyframes(free, np.array([1, 5])).registered.sum() == 2
     assert asked[1][1] is None and asked[1][2].focal_known is False
     narrow = replace(free, priors=replace(free.priors, width=99, mask=job.priors.mask))
-    module._solve_keyframes(narrow, np.array([1, 5]))
+    structure._solve_keyframes(narrow, np.array([1, 5]))
     assert asked[2][1].sum() == 2 * 9  # a pixel at least
 
 
@@ -503,29 +529,29 @@ def test_keyframes_get_masks_a_hundredth_wider(monkeypatch):
 def test_small_motion_is_solved_directly_where_it_serves(monkeypatch, error, linked, solver, name, count):
     job, asked = job_of(solver=solver), []
     job.static[:9] = False
-    monkeypatch.setattr(module, "_resolve_mirror", lambda job, start: asked.append(start) or known(error, [1] * 8))
+    monkeypatch.setattr(
+        structure, "_resolve_mirror", lambda job, start: asked.append(start) or Attempt(known(error, [1] * 8))
+    )
 
     def are_linked(visible):
         np.testing.assert_array_equal(visible, job.visible & job.static)
         return linked
 
-    monkeypatch.setattr(module, "linked", are_linked)
-    monkeypatch.setattr(module, "_solve_incrementally", lambda job: (known(1.0, [1] * 8), "tracks"))
-    found, chosen = module._moving(job, known(0.1, [1] * 8))
-    assert chosen == name and len(asked) == count and found.error == error
+    monkeypatch.setattr(structure, "linked", are_linked)
+    monkeypatch.setattr(
+        structure, "_solve_incrementally", lambda job: Attempt(known(1.0, [1] * 8), statistics={"solver": "tracks"})
+    )
+    found = structure._moving(job, known(0.1, [1] * 8))
+    assert found.statistics["solver"] == name and len(asked) == count and found.solution.error == error
 
 
 def test_what_is_left_where_every_solver_fails(monkeypatch):
     job = job_of()
     direct = known(9.0, [1] * 8)
-    monkeypatch.setattr(
-        module, "_resolve_mirror", lambda job, start: job.statistics.update(mirror="direct's") or direct
-    )
-    monkeypatch.setattr(
-        module, "_solve_incrementally", lambda job: job.statistics.update(mirror="other") or (None, "none")
-    )
-    found, name = module._moving(job, direct)
-    assert found is direct and name == "direct" and job.statistics["mirror"] == "direct's"
+    monkeypatch.setattr(structure, "_resolve_mirror", lambda job, start: Attempt(direct, statistics={"mirror": "its"}))
+    monkeypatch.setattr(structure, "_solve_incrementally", lambda job: None)
+    found = structure._moving(job, direct)
+    assert found.solution is direct and found.statistics == {"solver": "direct", "mirror": "its"}
 
 
 @pytest.mark.parametrize(
@@ -536,15 +562,16 @@ def test_a_depth_prior_is_asked_first(monkeypatch, error, solver, name):
     job, asked = job_of(solver=solver, focal=0.8 if solver == "depth" else None), []
     job.priors.depth = np.ones((8, HEIGHT, WIDTH), np.float32)
     monkeypatch.setattr(
-        module, "solve_with_depth", lambda *all: asked.append(all) or (known(error, [1] * 8), {"curve": 1})
+        structure, "solve_with_depth", lambda *all: asked.append(all) or (known(error, [1] * 8), {"curve": 1})
     )
-    monkeypatch.setattr(module, "_resolve_mirror", lambda job, start: known(0.5, [1] * 8))
-    monkeypatch.setattr(module, "linked", lambda visible: True)
-    assert module._moving(job, known(1.0, [1] * 8))[1] == name
+    monkeypatch.setattr(structure, "_resolve_mirror", lambda job, start: Attempt(known(0.5, [1] * 8)))
+    monkeypatch.setattr(structure, "linked", lambda visible: True)
+    found = structure._moving(job, known(1.0, [1] * 8)).statistics
+    assert found["solver"] == name
     assert len(asked) == (solver != "direct")
     if asked:
         assert asked[0][4] == (FOCAL if solver == "depth" else None) and asked[0][5] == WIDTH
-        assert job.statistics["focal_search"] == {"curve": 1}
+        assert found["focal_search"] == {"curve": 1}
 
 
 def test_the_lens_is_looked_for_again_where_the_background_is_sure(monkeypatch):
@@ -552,21 +579,22 @@ def test_the_lens_is_looked_for_again_where_the_background_is_sure(monkeypatch):
     found = solution_of(true)
     asked = []
     monkeypatch.setattr(
-        module, "best_focal", lambda solution, lens: asked.append(lens) or (1.3 * solution.bundle.focal, {"curve": 1})
+        refinement,
+        "best_focal",
+        lambda solution, lens: asked.append(lens) or (1.3 * solution.bundle.focal, {"curve": 1}),
     )
     job = job_of(true)
-    again = module._refocused(job, found)
-    assert job.statistics["focal_search"] == {"curve": 1} and asked == [job.sharp_lens]
-    assert again.bundle.focal == pytest.approx(true.focal, rel=0.02)  # a wrong focal length is adjusted away again
-    assert module._refocused(job, found) is found  # a depth prior told it
-    for given, solution in (
-        (job_of(true, focal=0.9), found),
-        (job_of(true), replace(found, registered=np.zeros(8, bool))),
+    again = refinement._refocused(job, Attempt(found))
+    assert again.statistics == {"focal_search": {"curve": 1}} and asked == [job.sharp_lens]
+    assert again.solution.bundle.focal == pytest.approx(true.focal, rel=0.02)  # a wrong one is adjusted away again
+    for given, start in (
+        (job, replace(again, solution=found)),  # a depth prior told it
+        (job_of(true, focal=0.9), Attempt(found)),
+        (job, Attempt(replace(found, registered=np.zeros(8, bool)))),
+        (job, Attempt(found, statistics={"grown": True})),
     ):
-        assert module._refocused(given, solution) is solution
-    grown = job_of(true)
-    grown.statistics["grown"] = True
-    assert module._refocused(grown, found) is found and len(asked) == 1
+        assert refinement._refocused(given, start) is start
+    assert len(asked) == 1
 
 
 def test_another_providers_cameras_start_the_solver(monkeypatch):
@@ -574,9 +602,10 @@ def test_another_providers_cameras_start_the_solver(monkeypatch):
     job = job_of(first=first)
     assert not job.lens.refine_focal and job_of().lens.refine_focal and not job_of(focal=1.0).lens.refine_focal
     assert job.lens.expected_focal == FOCAL
-    monkeypatch.setattr(module, "_resolve_mirror", lambda job, start: None)
-    assert module._moving(job, first)[0] is first and module._moving(job, first)[1] == "classical"
-    assert module._zoom(job, first) is None
+    monkeypatch.setattr(structure, "_resolve_mirror", lambda job, start: None)
+    found = structure._moving(job, first)
+    assert found.solution is first and found.statistics == {"solver": "classical"}
+    assert pan.zoom_of(job, first) is None
 
 
 def solved(monkeypatch, moves, zoom=None, kind=None, explains=False, solver="direct", parallax=0.3, focal=None):
@@ -599,23 +628,26 @@ def solved(monkeypatch, moves, zoom=None, kind=None, explains=False, solver="dir
         )
         return Solution(bundle, seen, np.ones(1, bool)), {"search": len(calls)}
 
-    monkeypatch.setattr(module, "search_focal", search)
-    monkeypatch.setattr(module, "_zoom", lambda job, turning: zoom)
+    monkeypatch.setattr(pan, "search_focal", search)
+    monkeypatch.setattr(structure, "zoom_of", lambda job, turning: zoom)
 
     def moving(job, turning):
         seen = np.unique(turning.observations.point)
         np.testing.assert_allclose(np.linalg.norm(turning.bundle.points[seen], axis=1), 1)
         assert turning.bundle.focal == job.focal
-        return moved if moves is not None else None, solver
+        return Attempt(moved, statistics={"solver": solver}) if moves is not None else None
 
-    monkeypatch.setattr(module, "_moving", moving)
-    monkeypatch.setattr(module, "_moving_explains_more", lambda zoom, moved: explains)
-    monkeypatch.setattr(module, "_translates", lambda job, moved: bool(moves))
+    monkeypatch.setattr(structure, "_moving", moving)
+    monkeypatch.setattr(structure, "moving_explains_more", lambda zoom, moved: explains)
+    translation = structure.Translation(10.0 * bool(moves), 1.0)
+    monkeypatch.setattr(structure, "translation_of", lambda job, moved: translation)
     monkeypatch.setattr(
-        module, "_pan", lambda job, turning, focal, zoom=None: calls.append(("pan", focal, zoom)) or "panned"
+        structure,
+        "panned",
+        lambda job, start, focal, zoom=None: calls.append(("pan", focal, zoom)) or replace(start, solution="panned"),
     )
-    monkeypatch.setattr(module, "_adjusted_pan", lambda turning, focal: ("adjusted", focal))
-    return module._first_solution(job), job, calls, moved
+    monkeypatch.setattr(structure, "adjusted_pan", lambda turning, focal: ("adjusted", focal))
+    return structure.first_solution(job), calls, moved
 
 
 def test_an_upright_picture_is_believed_to_be_filmed_with_the_same_lens(monkeypatch):
@@ -626,11 +658,11 @@ def test_an_upright_picture_is_believed_to_be_filmed_with_the_same_lens(monkeypa
     for high in (job.priors.height, 2 * job.priors.width):
         priors = replace(job.priors, height=high)
         monkeypatch.setattr(
-            module,
+            pan,
             "search_focal",
             lambda start, width, candidates, *rest, high=high: found.update({high: (candidates, *rest)}),
         )
-        module._search(replace(job, priors=priors), solution_of(true))
+        pan.search_lens(replace(job, priors=priors), solution_of(true))
     (lying, usual), (upright, longer) = found.values()
     assert tuple(lying) == FOCALS and usual == DEFAULT_FOCAL
     np.testing.assert_allclose(upright, 2 * np.array(FOCALS))
@@ -638,25 +670,25 @@ def test_an_upright_picture_is_believed_to_be_filmed_with_the_same_lens(monkeypa
 
 
 def test_the_kind_of_camera(monkeypatch):
-    found, job, calls, moved = solved(monkeypatch, True)
-    assert found[0] is moved and found[1] == "moving" and calls == [FOCALS]
-    assert job.statistics["solver"] == "direct"
-    assert job.statistics["parallax_px"] == pytest.approx(0.3, abs=1e-4)
-    assert job.statistics["pan_focal_search"] == {"search": 1} and "focal_search" not in job.statistics
-    assert len(solved(monkeypatch, True, solver="depth")[2]) == 1
-    _, _, calls, _ = solved(monkeypatch, True, focal=0.7)
-    assert calls == [(FOCAL / WIDTH,)]
-    found, _, calls, _ = solved(monkeypatch, False)
-    assert found == ("panned", "pan") and calls[1] == ("pan", 300.0, None)
-    assert solved(monkeypatch, False, kind="moving")[0][1] == "moving"
-    assert solved(monkeypatch, True, kind="pan", zoom="zoom")[2][1] == ("pan", 300.0, "zoom")
-    assert solved(monkeypatch, True, zoom="zoom")[2][1] == ("pan", 300.0, "zoom")
-    assert solved(monkeypatch, True, zoom="zoom", explains=True)[0][1] == "moving"
-    assert solved(monkeypatch, True, zoom="zoom", kind="moving")[0][1] == "moving"
+    found, calls, moved = solved(monkeypatch, True)
+    assert found.solution is moved and found.kind == "moving" and calls == [FOCALS]
+    assert found.statistics["solver"] == "direct" and found.statistics["translation"]["verdict"] == "large"
+    assert found.statistics["parallax_px"] == pytest.approx(0.3, abs=1e-4)
+    assert found.statistics["pan_focal_search"] == {"search": 1} and "focal_search" not in found.statistics
+    assert len(solved(monkeypatch, True, solver="depth")[1]) == 1
+    assert solved(monkeypatch, True, focal=0.7)[1] == [(FOCAL / WIDTH,)]
+    found, calls, _ = solved(monkeypatch, False)
+    assert (found.solution, found.kind) == ("panned", "pan") and calls[1] == ("pan", 300.0, None)
+    assert solved(monkeypatch, False, kind="moving")[0].kind == "moving"
+    assert solved(monkeypatch, True, kind="pan", zoom="zoom")[1][1] == ("pan", 300.0, "zoom")
+    assert solved(monkeypatch, True, zoom="zoom")[1][1] == ("pan", 300.0, "zoom")
+    assert solved(monkeypatch, True, zoom="zoom", explains=True)[0].kind == "moving"
+    assert solved(monkeypatch, True, zoom="zoom", kind="moving")[0].kind == "moving"
     for parallax, assumed in ((0.95, False), (1.05, True)):
-        found, job, _, _ = solved(monkeypatch, None, parallax=parallax)
-        assert found == (("adjusted", 300.0), "pan") and ("assumed" in job.statistics) == assumed
-        assert any("could not be reconstructed" in line for line in job.warnings)
+        found, _, _ = solved(monkeypatch, None, parallax=parallax)
+        assert (found.solution, found.kind) == (("adjusted", 300.0), "pan")
+        assert ("assumed" in found.statistics) == assumed
+        assert any("could not be reconstructed" in line for line in found.warnings)
 
 
 def test_cameras_are_adjusted_until_no_frame_is_left_behind(monkeypatch):
@@ -668,14 +700,14 @@ def test_cameras_are_adjusted_until_no_frame_is_left_behind(monkeypatch):
     rotation = true.rotation.copy()
     rotation[7] = turn @ rotation[7]
     lost, lens = solution_of(replace(true, rotation=rotation), noise=0.1), BundleConfig(refine_focal=False)
-    assert module._worst_frame(true, *every) < 0.3 and module._worst_frame(lost.bundle, *every) > 2
-    found = module._settled(lost, every, some, lens)
-    assert module._worst_frame(found.bundle, *every) < 0.3 and found.registered.all()
+    assert refinement._worst_frame(true, *every) < 0.3 and refinement._worst_frame(lost.bundle, *every) > 2
+    found = refinement._settled(lost, every, some, lens)
+    assert refinement._worst_frame(found.bundle, *every) < 0.3 and found.registered.all()
     fine = solution_of(true, noise=0.1)
-    assert module._settled(fine, every, some, lens) is fine
+    assert refinement._settled(fine, every, some, lens) is fine
     asked = []
-    monkeypatch.setattr(module, "adjust_anew", lambda bundle, seen, *more: (asked.append(bundle) or bundle, seen))
-    assert module._settled(lost, every, some, lens) is lost and len(asked) == 1  # no gain: not tried again
+    monkeypatch.setattr(refinement, "adjust_anew", lambda bundle, seen, *more: (asked.append(bundle) or bundle, seen))
+    assert refinement._settled(lost, every, some, lens) is lost and len(asked) == 1  # no gain: not tried again
 
 
 @pytest.mark.parametrize(
@@ -696,75 +728,74 @@ def test_cameras_of_everything_explain_more_of_the_picture(monkeypatch, found, d
     """`None`: they only turn."""
     explained = {"": found, "direct": direct, "tracks": tracks}
     solutions = {name: solution_of(truth(frames=8, points=20)) for name in explained}
-    job = replace(
-        job_of(), static=np.zeros(120, bool), statistics={"static_tracks": 1, "static_shift_px": 2, "zoom": 3}
-    )
-    job.warnings.append("It zooms.")
+    job = replace(job_of(), static=np.zeros(120, bool))
 
     def solve(other):
-        assert other.static.all() and other.settings.kind == "moving" and "zoom" not in other.statistics
-        other.statistics["solver"] = other.settings.solver
-        other.warnings.append(other.settings.solver)
-        return solutions[other.settings.solver], "pan" if explained[other.settings.solver] is None else "moving"
+        assert other.static.all() and other.settings.kind == "moving"
+        name = other.settings.solver
+        kind = "pan" if explained[name] is None else "moving"
+        return Attempt(solutions[name], kind, {"solver": name}, (name,))
 
-    monkeypatch.setattr(module, "_solve", solve)
-    monkeypatch.setattr(module, "_translates", lambda job, solution: True)
+    monkeypatch.setattr(cameras, "_solve", solve)
+    monkeypatch.setattr(cameras, "translation_of", lambda job, solution: structure.Translation(10.0, 1.0))
     fractions = {id(solutions[name].bundle): fraction or 1.0 for name, fraction in explained.items()}
-    monkeypatch.setattr(module, "explained_fraction", lambda bundle, *more: fractions[id(bundle)])
+    monkeypatch.setattr(cameras, "explained_fraction", lambda bundle, *more: fractions[id(bundle)])
     errors = {id(solutions[name].bundle): 0.3 + 0.1 * (name in blurred) for name in explained}
-    monkeypatch.setattr(module, "track_error", lambda bundle, *more: errors[id(bundle)])
-    solution, kind = module._solve_everything(job, solutions[""], "pan")
-    assert solution is solutions[chosen] and kind == ("moving" if chosen else "pan")
-    assert job.warnings == ([chosen] if chosen else ["It zooms."]) and ("zoom" in job.statistics) == (not chosen)
-    assert job.statistics["explained"] == explained[chosen] and job.statistics.get("everything", False) == bool(chosen)
+    monkeypatch.setattr(cameras, "track_error", lambda bundle, *more: errors[id(bundle)])
+    best = cameras._or_of_all_tracks(job, Attempt(solutions[""], "pan", {"zoom": 3}, ("It zooms.",)))
+    assert best.solution is solutions[chosen] and best.kind == ("moving" if chosen else "pan")
+    assert best.warnings == ((chosen,) if chosen else ("It zooms.",)) and ("zoom" in best.statistics) == (not chosen)
+    assert best.statistics["explained"] == explained[chosen] and best.statistics.get("everything", False) == bool(
+        chosen
+    )
+    assert ("translation" in best.statistics) == bool(chosen)
 
 
 def test_a_pan_is_adjusted_at_its_focal_length(monkeypatch):
     true = truth(frames=8, points=60, travel=0.0)
     turning = solution_of(true, noise=0.3)
-    found = module._adjusted_pan(turning, 1.1 * FOCAL)
+    found = pan.adjusted_pan(turning, 1.1 * FOCAL)
     start = refocused(turning, 1.1 * FOCAL, False)
     expected = adjust(
         start.bundle, start.observations, BundleConfig(iterations=8, refine_focal=False, refine_centers=False)
     )
     np.testing.assert_allclose(found.bundle.rotation, expected.rotation, atol=1e-12)
     assert found.bundle.focal == 1.1 * FOCAL and not found.bundle.center.any()
-    job = job_of(true)
-    job.statistics["mirror"] = 1
-    panned = module._pan(job, turning, 1.1 * FOCAL)
-    np.testing.assert_array_equal(panned.bundle.rotation, found.bundle.rotation)
-    assert "mirror" not in job.statistics
+    start = Attempt(turning, "moving", {"mirror": 1, "solver": "direct", "pan_focal_search": 2})
+    panned = pan.panned(job_of(true), start, 1.1 * FOCAL)
+    np.testing.assert_array_equal(panned.solution.bundle.rotation, found.bundle.rotation)
+    assert panned.kind == "pan" and panned.statistics == {"pan_focal_search": 2} and "only turns" in panned.warnings[0]
 
 
 def test_moving_explains_more_than_a_zoom_at_little_more_than_half_its_cost():
     true = truth(frames=8, points=60)
     moved = solution_of(true, noise=0.3)
-    sample, _ = module._sampled(moved)
-    cost = module.mean_cost(sample.bundle, sample.observations, 6 * 8 + 3 * len(sample.bundle.points))
+    sample, _ = sfm.sampled(moved)
+    cost = mean_cost(sample.bundle, sample.observations, 6 * 8 + 3 * len(sample.bundle.points))
     for left, more in ((0.551, False), (0.549, True)):
-        zoom = module.Zoom(1.2, 0.1, cost / left, np.zeros(8), np.arange(8))
-        assert module._moving_explains_more(zoom, moved) == more
+        zoom = Zoom(1.2, 0.1, cost / left, np.zeros(8), np.arange(8))
+        assert pan.moving_explains_more(zoom, moved) == more
 
 
 def test_texture_decides_whether_motion_can_be_known():
     true = truth(frames=5, points=60)
     job = job_of(true)
-    reason = module._why_motion_is_unknown(job.clip, job.tracks, job.visible, job.static)
+    reason = cameras._why_motion_is_unknown(job.clip, job.tracks, job.visible, job.static)
     assert reason == ""
-    assert "too few" in module._why_motion_is_unknown(job.clip, job.tracks, job.visible, np.arange(60) < 11)
-    assert module._why_motion_is_unknown(job.clip, job.tracks, job.visible, np.arange(60) < 12) == ""
+    assert "too few" in cameras._why_motion_is_unknown(job.clip, job.tracks, job.visible, np.arange(60) < 11)
+    assert cameras._why_motion_is_unknown(job.clip, job.tracks, job.visible, np.arange(60) < 12) == ""
     plain = np.full_like(job.clip.frames, 90)
-    assert "no texture" in module._why_motion_is_unknown(
+    assert "no texture" in cameras._why_motion_is_unknown(
         replace(job.clip, frames=plain), job.tracks, job.visible, job.static
     )
     none = np.zeros_like(job.visible)
-    assert module._why_motion_is_unknown(replace(job.clip, frames=plain), job.tracks, none, job.static) == ""
+    assert cameras._why_motion_is_unknown(replace(job.clip, frames=plain), job.tracks, none, job.static) == ""
     for right, known_ in ((7, True), (5, False)):  # of 60 tracks a tenth must lie on texture
         tracks = np.full((5, 60, 2), 20.5, np.float32)
         tracks[:, :right, 0] = 250.5
         half = job.clip.frames.copy()
         half[:, :, :200] = 90
-        found = module._why_motion_is_unknown(
+        found = cameras._why_motion_is_unknown(
             replace(job.clip, frames=half), tracks, np.ones((5, 60), bool), job.static
         )
         assert (found == "") == known_
@@ -775,14 +806,14 @@ def provided(monkeypatch, kind=None, first=None, unknown="", shift=2.0, static=6
     tracks, visible = project(true)
     motion = (np.arange(60) >= static).astype(np.float32)
     clip, priors = clip_and_priors(tracks, visible, motion)
-    monkeypatch.setattr(module, "_why_motion_is_unknown", lambda *all: unknown)
-    monkeypatch.setattr(module, "static_shift", lambda *all: shift)
+    monkeypatch.setattr(cameras, "_why_motion_is_unknown", lambda *all: unknown)
+    monkeypatch.setattr(cameras, "static_shift", lambda *all: shift)
     asked, solution = [], solution_of(true, noise=0.5)
-    monkeypatch.setattr(module, "_first_solution", lambda job: asked.append(job) or (solution, "moving"))
+    monkeypatch.setattr(cameras, "first_solution", lambda job: asked.append(job) or Attempt(solution))
     completed = []
-    monkeypatch.setattr(module, "complete", lambda solution, *more: completed.append(more) or solution)
+    monkeypatch.setattr(refinement, "complete", lambda solution, *more: completed.append(more) or solution)
     config = replace(PriorsConfig(), cameras=CamerasConfig(kind=kind, focal=given))
-    module.provide(clip, priors, config, silent, first)
+    cameras.provide(clip, priors, config, silent, first)
     assert len(completed) == len(asked)
     np.testing.assert_array_equal(priors.cameras.intrinsics[0, :2, 2], PRINCIPAL)
     return priors, asked, solution
@@ -791,7 +822,7 @@ def provided(monkeypatch, kind=None, first=None, unknown="", shift=2.0, static=6
 def test_cameras_and_their_statistics(monkeypatch):
     priors, (job,), solution = provided(monkeypatch)
     found = priors.statistics["cameras"]
-    origin = module._first_camera_at_origin(solution.bundle)
+    origin = cameras._first_camera_at_origin(solution.bundle)
     depth = np.median(origin.local(solution.observations)[:, 2])
     np.testing.assert_allclose(priors.cameras.centers, origin.center / depth, atol=1e-9)
     errors = solution.bundle.errors(solution.observations)
@@ -807,7 +838,7 @@ def test_cameras_and_their_statistics(monkeypatch):
     assert found["static_tracks"] == 60 and found["static_shift_px"] == 2.0 and found["kind"] == "moving"
     assert job.focal == 0.9 * WIDTH
     np.testing.assert_array_equal(job.principal, PRINCIPAL)
-    assert found["interpolation_px"] == module.interpolation_error(origin, solution.observations, np.arange(6.0))
+    assert found["interpolation_px"] == cameras.interpolation_error(origin, solution.observations, np.arange(6.0))
 
 
 def test_when_a_camera_stands_still(monkeypatch):
@@ -841,32 +872,30 @@ def test_cameras_of_another_provider_are_kept_where_too_little_stands_still(monk
 
 def test_a_zoom_is_looked_for_where_the_lens_is_not_known(monkeypatch):
     job, turning = job_of(), solution_of(truth(frames=8, points=120))
-    zooms = [module.Zoom(1.3, left, 1.0, np.zeros(8), np.arange(8)) for left in (0.1, 0.9)]
+    zooms = [Zoom(1.3, left, 1.0, np.zeros(8), np.arange(8)) for left in (0.1, 0.9)]
     queue, asked = list(zooms), []
-    monkeypatch.setattr(module, "find_zoom", lambda sample, frames, lens: asked.append((frames, lens)) or queue.pop(0))
-    assert module._zoom(job, turning) is zooms[0] and module._zoom(job, turning) is None
-    np.testing.assert_array_equal(asked[0][0], module._sampled(turning)[1])
+    monkeypatch.setattr(pan, "find_zoom", lambda sample, frames, lens: asked.append((frames, lens)) or queue.pop(0))
+    assert pan.zoom_of(job, turning) is zooms[0] and pan.zoom_of(job, turning) is None
+    np.testing.assert_array_equal(asked[0][0], sfm.sampled(turning)[1])
     assert asked[0][1] == job.lens
     nothing = replace(turning, observations=turning.observations.keep(np.zeros(0, int)))
-    assert module._zoom(job, nothing) is None and len(asked) == 2
+    assert pan.zoom_of(job, nothing) is None and len(asked) == 2
 
 
 @pytest.mark.parametrize("focal", [None, 0.8])
 def test_a_known_focal_length_is_handed_to_the_zoom(monkeypatch, focal):
     job, asked = job_of(focal=focal), []
     found = solution_of(replace(truth(frames=8, points=120), zoom=np.linspace(0.9, 1.1, 8)))
-    job.statistics["pan_focal_search"] = 1
-    monkeypatch.setattr(module, "zoomed", lambda turning, zoom, known: asked.append(known) or found)
-    zoom = module.Zoom(1.3, 0.1, 1.0, np.zeros(8), np.arange(8))
-    assert module._pan(job, found, 1.0, zoom) is found
-    assert asked == [None if focal is None else FOCAL]
-    assert job.statistics["zoom"] == zoom.summary(found.bundle, WIDTH) and "pan_focal_search" not in job.statistics
+    monkeypatch.setattr(pan, "zoomed", lambda turning, zoom, known: asked.append(known) or found)
+    zoom = Zoom(1.3, 0.1, 1.0, np.zeros(8), np.arange(8))
+    panned = pan.panned(job, Attempt(found, statistics={"pan_focal_search": 1}), 1.0, zoom)
+    assert panned.solution is found and asked == [None if focal is None else FOCAL]
+    assert panned.statistics == {"zoom": zoom.summary(found.bundle, WIDTH)} and "zooms" in panned.warnings[0]
 
 
 def test_a_clip_without_sightings_has_no_parallax(monkeypatch):
     job = job_of()
-    nothing = module._static_camera(1, 1.0, PRINCIPAL)
-    monkeypatch.setattr(module, "search_focal", lambda *all, **more: (nothing, {}))
-    monkeypatch.setattr(module, "_moving", lambda job, turning: (None, "none"))
-    module._first_solution(job)
-    assert job.statistics["parallax_px"] == 0 and "assumed" not in job.statistics
+    monkeypatch.setattr(pan, "search_focal", lambda *all, **more: (standing(1), {}))
+    monkeypatch.setattr(structure, "_moving", lambda job, turning: None)
+    found = structure.first_solution(job)
+    assert found.statistics["parallax_px"] == 0 and "assumed" not in found.statistics

@@ -11,7 +11,9 @@ from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.pose import align_similarity
 from f4x_core.priors import CamerasConfig, Priors, PriorsConfig
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust
-from f4x_core.priors.cameras import complete, provide, static_shift
+from f4x_core.priors.camera_problem import static_shift
+from f4x_core.priors.cameras import provide
+from f4x_core.priors.refinement import complete
 from f4x_core.priors.sfm import (
     best_focal,
     choose_covering_points,

@@ -7,7 +7,7 @@ import pytest
 
 from f4x_core.clip import Clip
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.priors import Priors, PriorsConfig
+from f4x_core.priors import CamerasConfig, Priors, PriorsConfig
 from f4x_core.priors import cameras as cameras_module
 from f4x_core.priors import standing_world as world_module
 from f4x_core.priors.cameras import provide
@@ -108,7 +108,7 @@ def test_nothing_is_solved_for_a_standing_camera_whose_tracks_drift(monkeypatch)
     priors.mask[:, :, :40] = priors.mask[:, :, -40:] = (
         True  # what moves fills the border: cameras of all tracks would be tried
     )
-    for name in ("_solve", "_solve_everything", "adjust"):
+    for name in ("_solve", "_or_of_all_tracks"):
         monkeypatch.setattr(cameras_module, name, lambda *all: pytest.fail("a standing camera is not solved"))
     steps = []
     provide(clip, priors, PriorsConfig(), lambda *step: steps.append(step))
@@ -120,7 +120,7 @@ def test_nothing_is_solved_for_a_standing_camera_whose_tracks_drift(monkeypatch)
 def test_a_kind_that_is_given_is_kept(monkeypatch):
     clip, priors = clip_and_priors(filmed()[0])
     monkeypatch.setattr(cameras_module, "StillnessTest", lambda *all: pytest.fail("the pictures are not asked"))
-    config = PriorsConfig(cameras=cameras_module.CamerasConfig(kind="static"))
+    config = PriorsConfig(cameras=CamerasConfig(kind="static"))
     provide(clip, priors, config, silent)
     assert priors.camera_kind == "static"
 

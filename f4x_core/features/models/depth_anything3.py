@@ -23,6 +23,7 @@ from torch import nn
 from ...errors import F4xError
 from ...priors import cameras as classical
 from ...priors.bundle import Observations, from_matrices
+from ...priors.camera_problem import MIN_TRACKS
 from ...priors.depth import track_samples
 from ...priors.sfm import Solution
 from ..memory import memory_guard
@@ -142,7 +143,7 @@ def scale_to_tracks(inverse: np.ndarray, priors: Priors) -> tuple[np.ndarray, np
     frames = np.arange(len(inverse))
     log_scale, difference = np.full(len(inverse), np.nan), np.full(len(inverse), np.nan)
     for i, (uv, measured, precision) in enumerate(track_samples(priors)):
-        if len(uv) < classical.MIN_TRACKS:
+        if len(uv) < MIN_TRACKS:
             continue
         column, row = np.clip(uv.astype(int), 0, (priors.width - 1, priors.height - 1)).T
         ratio = np.log(inverse[i, row, column] / measured)
