@@ -50,8 +50,6 @@ UPPER = np.triu_indices(3)
 """Rows and columns of the six different entries of a symmetric matrix."""
 BEHIND_PX = 1000.0
 """A point behind a camera that saw it costs as much as a miss by this many pixels."""
-OUTLIERS, MIN_OUTLIER_PX = 4.0, 3.0
-"""Sightings that miss by so many median errors, and by at least so many pixels, are left out."""
 MIN_SEEN = 3
 """Frames that must see a point: two rays alone fit wrong cameras, except across the epipolar line."""
 RUN_STEP = 16
@@ -275,32 +273,6 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
         if finished:
             break
     return problem.bundle(origin, unit, bundle.zoom is not None or config.refine_zoom)
-
-
-def adjust_anew(
-    bundle: Bundle, seen: Observations, config: BundleConfig, rounds: int = 1
-) -> tuple[Bundle, Observations]:
-    """`adjust` the cameras with points triangulated anew, without outliers; also the sightings that are left.
-
-    In each further one of the `rounds` all of `seen` counts again: wrong cameras make outliers of good sightings.
-    """
-    kept = seen
-    for _ in range(rounds):
-        points, _ = triangulate(bundle, seen, seen.point.max(initial=-1) + 1)
-        bundle, kept = without_outliers(replace(bundle, points=points), seen)
-        bundle = adjust(bundle, kept, config)
-    return bundle, kept
-
-
-def without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundle, Observations]:
-    """Drop sightings off by more than `OUTLIERS` times the median, then points seen less than three times."""
-    error = np.nan_to_num(bundle.errors(observations), nan=np.inf, posinf=np.inf)
-    usual = np.median(error) if len(error) else 0.0
-    observations = observations.keep(error < max(MIN_OUTLIER_PX, OUTLIERS * usual if np.isfinite(usual) else 0.0))
-    enough = np.bincount(observations.point, minlength=len(bundle.points)) >= min(MIN_SEEN, len(bundle.center))
-    observations = observations.keep(enough[observations.point])
-    row = np.cumsum(enough) - 1
-    return replace(bundle, points=bundle.points[enough]), replace(observations, point=row[observations.point])
 
 
 def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:

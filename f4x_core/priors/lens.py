@@ -73,10 +73,10 @@ def measure(
     `tracks (F,N,2)` pixels, `visible (F,N)`, `static (N,)`: all frames of `bundle`.
     """
     frames = evenly_spaced(len(tracks), FRAMES)
-    seen, order = sightings(tracks[frames], visible[frames], static, POINTS)
-    if not len(order):
+    sighted = sightings(tracks[frames], visible[frames], static, POINTS)
+    if not len(sighted.tracks):
         return None
-    cameras = replace(bundle.of_frames(frames), points=np.zeros((len(order), 3)))
+    cameras = replace(bundle.of_frames(frames), points=np.zeros((len(sighted.tracks), 3)))
     usual = replace(cameras, focal=config.expected_focal, zoom=None) if config.expected_focal else cameras
     errors: dict[int, float] = {}
 
@@ -84,7 +84,7 @@ def measure(
         if step not in errors:
             # The focal length that makes up for a bend is a bad start for another bend.
             starts = [cameras, usual] if config.refine_focal else [cameras]
-            errors[step] = min(in_threads(lambda start: _error(start, seen, step * STEP, config), starts))
+            errors[step] = min(in_threads(lambda start: _error(start, sighted.seen, step * STEP, config), starts))
         return errors[step]
 
     way = min((-1, 1), key=error)
@@ -97,7 +97,7 @@ def measure(
     if curve <= 0:
         return Bend(STEP * best, saved, float("inf"))
     # Sightings of a point err together, so that there are as many independent ones as points.
-    deviation = STEP * float(np.sqrt(2 * here / (len(order) * curve)))
+    deviation = STEP * float(np.sqrt(2 * here / (len(sighted.tracks) * curve)))
     offset = float(np.clip((below - above) / (2 * curve), -0.5, 0.5))
     return Bend(STEP * (best + offset), saved, deviation)
 

@@ -88,7 +88,7 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
     tracks = (seen.tracks - seen.principal) * (focal / seen.focal)[:, None, None] + seen.principal  # one lens for all
     frames = evenly_spaced(len(tracks), MAX_FRAMES)
     every = np.ones(tracks.shape[1], bool)
-    _, order = sightings(tracks[frames], seen.visible[frames], every, MAX_POINTS)
+    order = sightings(tracks[frames], seen.visible[frames], every, MAX_POINTS).tracks
     if len(order) < MIN_POINTS or len(frames) < 3:
         return None
     start = solve_rotations(tracks[frames], seen.visible[frames], every, focal, seen.principal, MAX_POINTS)

@@ -14,11 +14,9 @@ from .bundle import (
     BundleConfig,
     Observations,
     adjust,
-    adjust_anew,
     resect,
     total_cost,
     triangulate,
-    without_outliers,
 )
 from .camera_problem import Attempt, CameraProblem, rounded
 from .config import USUAL_FRAMES
@@ -27,7 +25,7 @@ from .flow import long_flows
 from .mirror import decide
 from .moving_people import dilate_masks
 from .rematch import match_anew
-from .sfm import Solution, best_focal, choose_covering_points, refocused, sightings, with_points_ahead
+from .sfm import Solution, TrackSightings, best_focal, choose_covering_points, refocused, sightings, with_points_ahead
 from .short_tracks import Neighbourhood, sharpened
 from .trusted import frame_errors, grow_trusted
 
@@ -75,12 +73,12 @@ def complete(
     """
     lens = lens or BundleConfig(refine_focal=False)
     longest = TRACK_FRAMES if len(tracks) > USUAL_FRAMES else None
-    extra, order = sightings(tracks, visible, static, ADJUSTED_TRACKS, longest)
+    some = sightings(tracks, visible, static, ADJUSTED_TRACKS, longest)
     bundle, own = solution.bundle, _limited_observations(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)
     registered = solution.registered.copy()
-    observations = own.followed_by(replace(extra, weight=TRACK_WEIGHT * extra.weight), offset)
-    bundle = replace(bundle, points=np.vstack([bundle.points, np.full((len(order), 3), np.nan)]))
+    observations = own.followed_by(replace(some.seen, weight=TRACK_WEIGHT * some.seen.weight), offset)
+    bundle = replace(bundle, points=np.vstack([bundle.points, np.full((len(some.tracks), 3), np.nan)]))
     while not registered.all():
         bundle = _triangulated(bundle, observations, registered, offset)
         missing, known = np.flatnonzero(~registered), np.flatnonzero(registered)
@@ -90,37 +88,37 @@ def complete(
         bundle = resect(bundle, observations, ring)
         registered[ring] = True
     bundle = _triangulated(bundle, observations, registered, offset)
-    bundle, observations = without_outliers(bundle, observations)
-    refined = adjust(bundle, observations, replace(lens, iterations=10))
-    solution = Solution(*without_outliers(refined, observations), registered)
-    return _settled(solution, sightings(tracks, visible, static, tracks.shape[1], longest), (extra, order), lens)
+    found = Solution(bundle, observations, registered).without_outliers()
+    found = replace(found, bundle=adjust(found.bundle, found.observations, replace(lens, iterations=10)))
+    every = sightings(tracks, visible, static, tracks.shape[1], longest)
+    return _settled(found.without_outliers(), every, some.seen, lens)
 
 
 def _settled(
     solution: Solution,
-    every: tuple[Observations, np.ndarray],
-    some: tuple[Observations, np.ndarray],
+    every: TrackSightings,
+    some: Observations,
     lens: BundleConfig,
 ) -> Solution:
     """Return the solution, adjusted anew on `some` of `every` sighting of static tracks while a frame is left that misses its own.
 
     In a long sweep what a far frame misses is the first to be dropped as an outlier, and nothing draws that frame back.
     """
-    worst = _worst_frame(solution.bundle, *every)
+    worst = _worst_frame(solution.bundle, every.seen, len(every.tracks))
     for _ in range(MORE_ROUNDS):
         if worst <= SETTLED_PX:
             break
-        bundle, kept = adjust_anew(solution.bundle, some[0], replace(lens, iterations=10))
-        found = _worst_frame(bundle, *every)
-        if found > (1 - MIN_SETTLING) * worst:
+        found = replace(solution, observations=some).adjusted_anew(replace(lens, iterations=10))
+        left = _worst_frame(found.bundle, every.seen, len(every.tracks))
+        if left > (1 - MIN_SETTLING) * worst:
             break
-        solution, worst = Solution(*without_outliers(bundle, kept), solution.registered), found
+        solution, worst = found.without_outliers(), left
     return solution
 
 
-def _worst_frame(bundle: Bundle, seen: Observations, tracks: np.ndarray) -> float:
-    """Return the pixels by which the worst frame misses its sightings (median), the points of `tracks` triangulated anew."""
-    return float(np.nanmax(frame_errors(bundle, seen, len(tracks)), initial=0.0))
+def _worst_frame(bundle: Bundle, seen: Observations, count: int) -> float:
+    """Return the pixels by which the worst frame misses its sightings (median) of `count` points, triangulated anew."""
+    return float(np.nanmax(frame_errors(bundle, seen, count), initial=0.0))
 
 
 def _completed(job: CameraProblem, start: Attempt) -> Attempt:
@@ -136,10 +134,11 @@ def _completed(job: CameraProblem, start: Attempt) -> Attempt:
     if start.solution.rival is None:
         return replace(start, solution=completed(start.solution))
     found = in_threads(completed, (start.solution, start.solution.rival))
-    seen, order = sightings(job.tracks, job.visible, job.static, ADJUSTED_TRACKS)
+    sighted = sightings(job.tracks, job.visible, job.static, ADJUSTED_TRACKS)
+    seen = sighted.seen
 
     def on_the_same_tracks(one: Solution) -> Bundle:
-        points, _ = triangulate(one.bundle, seen, len(order))
+        points, _ = triangulate(one.bundle, seen, len(sighted.tracks))
         bundle = with_points_ahead(replace(one.bundle, points=points), seen)
         return adjust(bundle, seen, replace(job.lens, iterations=10))
 
@@ -172,9 +171,9 @@ def _rematched(job: CameraProblem, start: Attempt) -> Attempt:
     matched = float((seen.weight == 1).mean()) if len(seen.weight) else 0.0
     if matched < MIN_REMATCHED:
         return start
-    tracks, lens = np.arange(len(solution.bundle.points)), replace(job.sharp_lens, iterations=10)
-    found = Solution(*adjust_anew(solution.bundle, seen, lens, REMATCHED_ROUNDS), solution.registered)
-    before, after = (_worst_frame(one.bundle, seen, tracks) for one in (solution, found))
+    lens = replace(job.sharp_lens, iterations=10)
+    found = replace(solution, observations=seen).adjusted_anew(lens, REMATCHED_ROUNDS)
+    before, after = (_worst_frame(one.bundle, seen, len(solution.bundle.points)) for one in (solution, found))
     noted = start.noting(rematched={"part": rounded(matched), "before_px": rounded(before), "after_px": rounded(after)})
     return replace(noted, solution=found) if after <= max(before, SETTLED_PX) else noted
 
@@ -190,10 +189,8 @@ def _refocused(job: CameraProblem, start: Attempt) -> Attempt:
     noted = start.noting(focal_search=search)
     if focal == solution.bundle.focal:
         return noted
-    begun = refocused(solution, focal)
     lens = replace(job.sharp_lens, iterations=15)
-    bundle, kept = adjust_anew(begun.bundle, begun.observations, lens, REMATCHED_ROUNDS)
-    return replace(noted, solution=Solution(bundle, kept, solution.registered))
+    return replace(noted, solution=refocused(solution, focal).adjusted_anew(lens, REMATCHED_ROUNDS))
 
 
 def _sharpened(job: CameraProblem, start: Attempt) -> Attempt:

@@ -19,7 +19,18 @@ from ..errors import F4xError
 from ..geometry import pose, quaternion
 from ..geometry.arrays import GOLDEN_RATIO, evenly_spaced
 from ..parallel import in_threads
-from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, total_cost, triangulate
+from .bundle import (
+    MIN_SEEN,
+    Bundle,
+    BundleConfig,
+    Observations,
+    adjust,
+    from_matrices,
+    rays,
+    resect,
+    total_cost,
+    triangulate,
+)
 from .tracks import best_rank, longest_first
 
 MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
@@ -37,6 +48,8 @@ steps of each adjustment."""
 FLAT, BELIEF_IN_FLAT = 0.08, 0.25
 """Spread of inverse depth between the 10th and the 90th percentile, relative to the median, below which a world has no relief
 (camel's is .04, that of 31 other clips .11 and more), and the part of the belief in the usual lens that is left then."""
+OUTLIERS, MIN_OUTLIER_PX = 4.0, 3.0
+"""Sightings that miss by so many median errors, and by at least so many pixels, are left out."""
 SAMPLED_POINTS, SAMPLED_FRAMES = 500, 24
 """Points and frames on which solutions are compared: 500 x 24 take two seconds, and find what 2,000 x 90 find."""
 MIN_SAMPLED_POINTS, MIN_POINTS_PER_FRAME, MAX_SAMPLED_FRAMES = 200, 150, 96
@@ -71,11 +84,44 @@ class Solution:
         seen = self.observations.keep(self.registered[self.observations.frame] & known[self.observations.point])
         return float(np.sqrt(np.mean(np.minimum(self.bundle.errors(seen), 10.0) ** 2))) if len(seen.frame) else np.inf
 
+    def without_outliers(self) -> Solution:
+        """Return the solution without sightings off by more than `OUTLIERS` times the median and points seen too rarely then."""
+        bundle, seen = self.bundle, self.observations
+        error = np.nan_to_num(bundle.errors(seen), nan=np.inf, posinf=np.inf)
+        usual = np.median(error) if len(error) else 0.0
+        seen = seen.keep(error < max(MIN_OUTLIER_PX, OUTLIERS * usual if np.isfinite(usual) else 0.0))
+        enough = np.bincount(seen.point, minlength=len(bundle.points)) >= min(MIN_SEEN, len(bundle.center))
+        seen = seen.keep(enough[seen.point])
+        row = np.cumsum(enough) - 1
+        bundle = replace(bundle, points=bundle.points[enough])
+        return replace(self, bundle=bundle, observations=replace(seen, point=row[seen.point]))
+
+    def adjusted_anew(self, config: BundleConfig, rounds: int = 1) -> Solution:
+        """Return the solution adjusted with points triangulated anew, without outliers.
+
+        In each further one of the `rounds` all sightings count again: wrong cameras make outliers of good sightings.
+        """
+        count, found = self.observations.point.max(initial=-1) + 1, self
+        for _ in range(rounds):
+            points, _ = triangulate(found.bundle, self.observations, count)
+            found = replace(self, bundle=replace(found.bundle, points=points)).without_outliers()
+            found = replace(found, bundle=adjust(found.bundle, found.observations, config))
+        return found
+
+
+@dataclass(frozen=True)
+class TrackSightings:
+    """Sightings of tracks, each of which is a point, or several where it is cut."""
+
+    seen: Observations
+    tracks: np.ndarray
+    """(P,) index of each point's track."""
+
 
 def sightings(
     tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, max_count: int, longest: int | None = None
-) -> tuple[Observations, np.ndarray]:
-    """Observations of at most `max_count` of the `chosen (N,)` tracks (`choose_covering_points`), and each point's track `(P,)`.
+) -> TrackSightings:
+    """Return those of at most `max_count` of the `chosen (N,)` tracks (`choose_covering_points`).
 
     `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times (or in every frame) count. With `longest`
     they are cut into pieces of at most so many frames, each of them a point.
@@ -85,22 +131,24 @@ def sightings(
     frame, point = np.nonzero(visible[:, order])
     uv = tracks[:, order][frame, point].astype(np.float64)
     seen = Observations(frame, point, uv, np.ones(len(frame)))
-    return (seen, order) if longest is None else _in_pieces(seen, order, longest)
+    whole = TrackSightings(seen, order)
+    return whole if longest is None else _in_pieces(whole, longest)
 
 
-def _in_pieces(seen: Observations, tracks: np.ndarray, longest: int) -> tuple[Observations, np.ndarray]:
-    """Sightings of `tracks (N,)`, each cut into pieces of `longest` frames that are points of their own, and the points' tracks.
+def _in_pieces(whole: TrackSightings, longest: int) -> TrackSightings:
+    """Return the sightings with each track cut into pieces of `longest` frames that are points of their own.
 
     No two neighbouring tracks are cut at the same frames, so that every pair of frames shares points. Pieces seen less than three
     times are left out.
     """
+    seen, tracks = whole.seen, whole.tracks
     offset = (np.arange(len(tracks)) * GOLDEN_RATIO % 1 * longest).astype(int)
     piece = (seen.frame + offset[seen.point]) // longest
     most = piece.max(initial=0) + 1
     named, point, count = np.unique(seen.point * most + piece, return_inverse=True, return_counts=True)
     often = count >= 3
     kept = replace(seen, point=(np.cumsum(often) - 1)[point]).keep(often[point])
-    return kept, tracks[named[often] // most]
+    return TrackSightings(kept, tracks[named[often] // most])
 
 
 def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
@@ -156,9 +204,10 @@ def solve_rotations(
             a, b = (bearings(tracks[k, shared].astype(np.float64), focal, principal) for k in (i, i + 1))
             turn, _ = rotation_between(a, b, focal)
         rotation.append(turn @ rotation[-1])
-    observations, chosen = sightings(tracks, visible, static, max_count)
-    bundle = Bundle(focal, principal, np.array(rotation), np.zeros((len(rotation), 3)), np.zeros((len(chosen), 3)))
-    return Solution(on_sphere(bundle, observations), observations, np.ones(len(rotation), bool))
+    sighted = sightings(tracks, visible, static, max_count)
+    points = np.zeros((len(sighted.tracks), 3))
+    bundle = Bundle(focal, principal, np.array(rotation), np.zeros((len(rotation), 3)), points)
+    return Solution(on_sphere(bundle, sighted.seen), sighted.seen, np.ones(len(rotation), bool))
 
 
 def solve_with_tracks(
@@ -169,7 +218,8 @@ def solve_with_tracks(
     The pair with the most parallax gives two cameras (five-point essential matrix); the others follow outwards, each
     resected from the points known so far, with a bundle adjustment whenever a quarter more cameras are in.
     """
-    observations, chosen = sightings(tracks, visible, static, 2500)
+    sighted = sightings(tracks, visible, static, 2500)
+    observations, chosen = sighted.seen, sighted.tracks
     frames, count = len(tracks), len(chosen)
     start = _first_pair(tracks[:, chosen], visible[:, chosen], focal, principal, seed)
     if start is None:
@@ -207,7 +257,8 @@ def solve_with_depth(
     """
     height = depth.shape[1]
     side, principal = max(width, height), np.array([width / 2, height / 2])
-    observations, chosen = sightings(tracks, visible, static, 4000)
+    sighted = sightings(tracks, visible, static, 4000)
+    observations, chosen = sighted.seen, sighted.tracks
     tracks, visible = tracks[:, chosen], visible[:, chosen]
     column = np.clip(np.nan_to_num(tracks[..., 0]).astype(int), 0, width - 1)
     row = np.clip(np.nan_to_num(tracks[..., 1]).astype(int), 0, height - 1)

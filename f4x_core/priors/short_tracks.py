@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .bundle import MIN_SEEN, BundleConfig, Observations, adjust_anew
+from .bundle import MIN_SEEN, BundleConfig, Observations
 from .flow import best_of_cells, inside, length, pixel_grid, sample, texture
 from .sfm import Solution
 
@@ -79,5 +79,4 @@ def sharpened(solution: Solution, short: Observations, lens: BundleConfig) -> So
     own = solution.observations
     seen = own.followed_by(short, own.point.max(initial=-1) + 1)
     config = replace(lens, iterations=15, robust_px=ROBUST_PX)
-    bundle, kept = adjust_anew(solution.bundle, seen, config, ROUNDS)
-    return Solution(bundle, kept, solution.registered)
+    return replace(solution, observations=seen).adjusted_anew(config, ROUNDS)

@@ -238,9 +238,9 @@ def _with_sightings(job: CameraProblem, solution: Solution) -> Solution:
     """Return a solution whose cameras have points: without their own those of the static tracks, triangulated."""
     if len(solution.observations.frame):
         return solution
-    seen, order = sightings(job.tracks, job.visible, job.static, 4 * SAMPLED_POINTS)
-    points, _ = triangulate(solution.bundle, seen, len(order))
-    return replace(solution, bundle=replace(solution.bundle, points=points), observations=seen)
+    sighted = sightings(job.tracks, job.visible, job.static, 4 * SAMPLED_POINTS)
+    points, _ = triangulate(solution.bundle, sighted.seen, len(sighted.tracks))
+    return replace(solution, bundle=replace(solution.bundle, points=points), observations=sighted.seen)
 
 
 def _covered(registered: np.ndarray) -> float:

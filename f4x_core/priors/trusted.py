@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from .points import SLIP_PX, TRACK_OUTLIER_PX
-from .sfm import Solution, beside
+from .sfm import Solution, TrackSightings, beside
 
 MISSED_PX = 1.5
 """Median error of a frame's sightings from which cameras do not meet that frame: the worst of the twelve real clips have 1.4."""
@@ -69,23 +69,23 @@ def frame_errors(bundle: Bundle, seen: Observations, count: int, rounds: int = 0
 
 def grow_trusted(
     solution: Solution,
-    pieces: tuple[Observations, np.ndarray],
-    whole: tuple[Observations, np.ndarray],
+    pieces: TrackSightings,
+    whole: TrackSightings,
     lens: BundleConfig,
 ) -> Trusted:
     """Return the solution, its cameras grown from the frames that it meets where it misses some.
 
-    pieces, whole: every sighting of the tracks that may stand, and each point's track: cut into pieces where tracks are long, by
+    pieces, whole: every sighting of the tracks that may stand: cut into pieces where tracks are long, by
     which cameras are asked whether they meet a frame, and as they are, by which frames are trusted. lens: how the focal length is
     adjusted.
     """
-    met = _within(solution.bundle, *pieces, MISSED_PX)
+    met = _within(solution.bundle, pieces, MISSED_PX)
     if met.all():
         return Trusted(replace(solution, registered=met), False)
-    seen, count = whole[0], len(whole[1])
-    trusted = _in_runs(_within(solution.bundle, *whole, MET_PX))
+    seen, count = whole.seen, len(whole.tracks)
+    trusted = _in_runs(_within(solution.bundle, whole, MET_PX))
     if not trusted.any():  # wrong cameras of some frames move all points
-        trusted = _in_runs(_within(solution.bundle, *whole, MET_PX, FITTING_ROUNDS))
+        trusted = _in_runs(_within(solution.bundle, whole, MET_PX, FITTING_ROUNDS))
     if not trusted.any():
         return Trusted(replace(solution, registered=met), False)
     bundle, kept, before = solution.bundle, seen, 0
@@ -123,10 +123,10 @@ def _grow(bundle: Bundle, seen: Observations, trusted: np.ndarray) -> Bundle:
     return bundle
 
 
-def _within(bundle: Bundle, seen: Observations, tracks: np.ndarray, limit: float, rounds: int = 0) -> np.ndarray:
-    """Return (F,) bool: frames that see enough of the `tracks` and miss them by at most `limit` pixels (`frame_errors`)."""
-    enough = np.bincount(seen.frame, minlength=len(bundle.center)) >= MIN_SIGHTINGS
-    return enough & (frame_errors(bundle, seen, len(tracks), rounds) <= limit)  # NaN compares false
+def _within(bundle: Bundle, sighted: TrackSightings, limit: float, rounds: int = 0) -> np.ndarray:
+    """Return (F,) bool: frames that see enough of the tracks and miss them by at most `limit` pixels (`frame_errors`)."""
+    enough = np.bincount(sighted.seen.frame, minlength=len(bundle.center)) >= MIN_SIGHTINGS
+    return enough & (frame_errors(bundle, sighted.seen, len(sighted.tracks), rounds) <= limit)  # NaN compares false
 
 
 def _in_runs(chosen: np.ndarray) -> np.ndarray:

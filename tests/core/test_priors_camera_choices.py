@@ -21,7 +21,6 @@ from f4x_core.priors import (
     sfm,
     structure,
 )
-from f4x_core.priors import bundle as bundle_module
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
 from f4x_core.priors.camera_problem import Attempt
 from f4x_core.priors.folder import SEEN_DEPTH
@@ -142,6 +141,10 @@ def test_interpolation_leaves_one_camera_out():
     assert cameras.interpolation_error(true, seen.keep(seen.frame < 2), times) is None
 
 
+def cleaned(bundle, seen):
+    return Solution(bundle, seen, np.ones(len(bundle.center), bool)).without_outliers()
+
+
 def test_outliers_go_and_with_them_points_seen_twice():
     true = truth(frames=6, points=50)
     seen = observe(true, noise=0.2)
@@ -153,7 +156,8 @@ def test_outliers_go_and_with_them_points_seen_twice():
         errors = true.errors(noisy)
         kept = errors < max(3, 4 * np.median(errors))
         count = [kept[noisy.point == p].sum() for p in range(50)]
-        bundle, rest = bundle_module.without_outliers(true, noisy)
+        found = cleaned(true, noisy)
+        bundle, rest = found.bundle, found.observations
         chosen = [p for p in range(50) if count[p] >= 3]
         np.testing.assert_array_equal(bundle.points, true.points[chosen])
         rows = [
@@ -161,13 +165,13 @@ def test_outliers_go_and_with_them_points_seen_twice():
         ]
         np.testing.assert_array_equal(np.column_stack([rest.frame, rest.point]), rows)
     lost = replace(true, points=np.where(np.arange(50)[:, None] < 5, np.nan, true.points))
-    assert len(bundle_module.without_outliers(lost, seen)[0].points) < 46
+    assert len(cleaned(lost, seen).bundle.points) < 46
     most = replace(true, points=np.where(np.arange(50)[:, None] < 40, -true.points, true.points))
-    assert 0 < len(bundle_module.without_outliers(most, seen)[0].points) <= 10  # those in front, where most are behind
+    assert 0 < len(cleaned(most, seen).bundle.points) <= 10  # those in front, where most are behind
     two = truth(frames=2, points=20)
-    assert len(bundle_module.without_outliers(two, observe(two))[0].points) == observe(two).visible(2, 20).all(0).sum()
+    assert len(cleaned(two, observe(two)).bundle.points) == observe(two).visible(2, 20).all(0).sum()
     nothing = seen.keep(np.zeros(len(seen.frame), bool))
-    assert len(bundle_module.without_outliers(true, nothing)[0].points) == 0
+    assert len(cleaned(true, nothing).bundle.points) == 0
 
 
 def test_the_first_camera_is_the_origin_of_the_same_geometry():
@@ -277,7 +281,7 @@ def test_a_solution_is_completed_from_its_neighbours_outwards(monkeypatch):
     assert rings == [[1, 5], [0, 6], [7], [8]] and found.registered.all()
     assert adjusted[0].iterations == 10 and not adjusted[0].refine_focal
     assert np.median(found.bundle.errors(found.observations)) < 0.3
-    own, extra = start.observations, sightings(tracks, visible, np.ones(80, bool), 2000)[0]
+    own, extra = start.observations, sightings(tracks, visible, np.ones(80, bool), 2000).seen
     assert len(own.frame) < len(found.observations.frame) <= len(own.frame) + len(extra.frame)
     refinement.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0), BundleConfig(refine_focal=True))
     assert adjusted[1].refine_focal and adjusted[1].iterations == 10
@@ -288,8 +292,8 @@ def test_tracks_in_pieces_are_the_same_sightings_and_link_all_neighbouring_frame
     tracks = random.uniform(0, 100, (60, 40, 2))
     visible = np.cumsum(random.random((60, 40)) < 0.03, 0) % 2 == 0  # seen and hidden for some thirty frames each
     chosen = np.ones(40, bool)
-    whole, order = sightings(tracks, visible, chosen, 40)
-    cut, owner = sightings(tracks, visible, chosen, 40, longest=12)
+    sighted, pieces = sightings(tracks, visible, chosen, 40), sightings(tracks, visible, chosen, 40, longest=12)
+    (whole, order), (cut, owner) = ((one.seen, one.tracks) for one in (sighted, pieces))
     assert len(owner) > 2 * len(order) and cut.point.max() == len(owner) - 1
     assert np.allclose(cut.uv, tracks[cut.frame, owner[cut.point]])
     first, last, count = np.full(len(owner), 60), np.zeros(len(owner), int), np.bincount(cut.point)
@@ -444,9 +448,9 @@ def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
     nothing = replace(start, observations=start.observations.keep(np.zeros(0, int)))
     assert structure._resolve_mirror(job, nothing) is None
     some = structure._with_sightings(job, nothing)
-    expected, order = sightings(job.tracks, job.visible, job.static, 2000)
-    np.testing.assert_array_equal(some.observations.uv, expected.uv)
-    np.testing.assert_allclose(some.bundle.points, triangulate(true, expected, len(order))[0])
+    expected = sightings(job.tracks, job.visible, job.static, 2000)
+    np.testing.assert_array_equal(some.observations.uv, expected.seen.uv)
+    np.testing.assert_allclose(some.bundle.points, triangulate(true, expected.seen, len(expected.tracks))[0])
     assert structure._with_sightings(job, start) is start
     job.priors.scratch[SEEN_DEPTH] = "seen"
     assert job.cues(frames).depth == "seen"
@@ -695,18 +699,19 @@ def test_cameras_are_adjusted_until_no_frame_is_left_behind(monkeypatch):
     true = truth(frames=8, points=120)
     tracks, visible = project(true, 0.1)
     every = sightings(tracks, visible, np.ones(120, bool), 120)
-    some = sightings(tracks, visible, np.ones(120, bool), 60)
+    some = sightings(tracks, visible, np.ones(120, bool), 60).seen
     turn = quaternion.to_matrix(quaternion.from_rotation_vector(np.array([0.0, 0.02, 0.0])))
     rotation = true.rotation.copy()
     rotation[7] = turn @ rotation[7]
     lost, lens = solution_of(replace(true, rotation=rotation), noise=0.1), BundleConfig(refine_focal=False)
-    assert refinement._worst_frame(true, *every) < 0.3 and refinement._worst_frame(lost.bundle, *every) > 2
+    worst = [refinement._worst_frame(one, every.seen, 120) for one in (true, lost.bundle)]
+    assert worst[0] < 0.3 and worst[1] > 2
     found = refinement._settled(lost, every, some, lens)
-    assert refinement._worst_frame(found.bundle, *every) < 0.3 and found.registered.all()
+    assert refinement._worst_frame(found.bundle, every.seen, 120) < 0.3 and found.registered.all()
     fine = solution_of(true, noise=0.1)
     assert refinement._settled(fine, every, some, lens) is fine
     asked = []
-    monkeypatch.setattr(refinement, "adjust_anew", lambda bundle, seen, *more: (asked.append(bundle) or bundle, seen))
+    monkeypatch.setattr(Solution, "adjusted_anew", lambda solution, *more: asked.append(solution) or solution)
     assert refinement._settled(lost, every, some, lens) is lost and len(asked) == 1  # no gain: not tried again
 
 

@@ -14,7 +14,7 @@ from test_priors_cameras import FOCAL, HEIGHT, PRINCIPAL, WIDTH, observe, projec
 from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.priors import sfm as module
-from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, adjust_anew, rays, triangulate
+from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
 from f4x_core.priors.sfm import Solution
 from f4x_core.report.diagnostics import _field_of_view
 
@@ -41,15 +41,16 @@ def test_sightings_are_of_tracks_seen_three_times():
     tracks, visible = project(truth(frames=5, points=30))
     chosen = np.arange(30) % 5 > 0
     visible[:, 6], visible[:, 7] = [1, 1, 0, 0, 0], [1, 1, 1, 0, 0]
-    seen, order = module.sightings(tracks, visible, chosen, 1000)
+    sighted = module.sightings(tracks, visible, chosen, 1000)
+    seen, order = sighted.seen, sighted.tracks
     expected = [n for n in range(30) if chosen[n] and visible[:, n].sum() >= 3]
     np.testing.assert_array_equal(order, expected)
     assert 7 in order and 6 not in order
     rows = [(f, p) for f in range(5) for p, n in enumerate(order) if visible[f, n]]
     np.testing.assert_array_equal(np.column_stack([seen.frame, seen.point]), rows)
     np.testing.assert_array_equal(seen.uv, [tracks[f, order[p]] for f, p in rows])
-    assert (seen.weight == 1).all() and len(module.sightings(tracks, visible, chosen, 9)[1]) == 9
-    two = module.sightings(tracks[:2], visible[:2], chosen, 1000)[1]
+    assert (seen.weight == 1).all() and len(module.sightings(tracks, visible, chosen, 9).tracks) == 9
+    two = module.sightings(tracks[:2], visible[:2], chosen, 1000).tracks
     np.testing.assert_array_equal(two, [n for n in range(30) if chosen[n] and visible[:2, n].all()])
 
 
@@ -102,7 +103,8 @@ def test_turns_are_chained_from_frame_to_frame():
     assert not found.bundle.center.any() and found.registered.all() and found.bundle.focal == FOCAL
     np.testing.assert_allclose(np.linalg.norm(found.bundle.points, axis=1), 1)
     assert found.bundle.errors(found.observations).max() < 0.1
-    expected, order = module.sightings(tracks, visible, static, 1000)
+    sighted = module.sightings(tracks, visible, static, 1000)
+    expected, order = sighted.seen, sighted.tracks
     np.testing.assert_array_equal(found.observations.uv, expected.uv)
     directions = rays(found.bundle, expected)
     for point in range(len(order)):
@@ -179,7 +181,7 @@ def test_a_pan_through_a_long_lens_is_told_from_a_walk_along_a_wall(travel, turn
     assert focal == pytest.approx(WIDTH * curve["focal_over_width"][int(np.argmin(curve["error_px"]))], rel=1e-3)
     assert len(curve["error_px"]) == module.LONGER + module.SHORTER + 1
     again = module.refocused(wall, focal)
-    bundle, _ = adjust_anew(again.bundle, again.observations, lens, 2)
+    bundle = again.adjusted_anew(lens, 2).bundle
     assert bundle.focal == pytest.approx(2 * WIDTH, rel=0.05)
     nothing = replace(wall, observations=wall.observations.keep(np.zeros(len(wall.observations.frame), bool)))
     assert module.best_focal(nothing, lens) == (wall.bundle.focal, {})
@@ -407,7 +409,7 @@ def test_cameras_from_depth_are_chained_alignments(frames, known):
     _, tracks, visible, depth = depth_case(frames)
     static = np.arange(tracks.shape[1]) > 0
     found, search = module.solve_with_depth(tracks, visible, static, depth, known, WIDTH)
-    _, order = module.sightings(tracks, visible, static, 4000)
+    order = module.sightings(tracks, visible, static, 4000).tracks
     tracks, visible = tracks[:, order], visible[:, order].copy()
     z = np.full(visible.shape, np.nan)
     for f, n in np.argwhere(visible):

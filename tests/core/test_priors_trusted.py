@@ -8,7 +8,7 @@ from test_priors_cameras import project, truth
 
 from f4x_core.geometry import quaternion
 from f4x_core.priors.bundle import BundleConfig, Observations
-from f4x_core.priors.sfm import Solution
+from f4x_core.priors.sfm import Solution, TrackSightings
 from f4x_core.priors.trusted import MIN_SIGHTINGS, frame_errors, grow_trusted
 
 FRAMES, LATE, GROUND, THING = 30, 20, 120, 90
@@ -48,7 +48,7 @@ def test_cameras_grow_from_frames_that_know_the_ground(held):
     assert plain[:LATE].max() > 3 and robust[: LATE - 1].max() < 1, "wrong frames move points only where they count"
     assert robust[LATE + 5 :].min() > 1.5, "or nothing has to grow"
     assert away(drawn, true).max() > 3
-    found = grow_trusted(start, (seen, ALL), (seen, ALL), LENS)
+    found = grow_trusted(start, *2 * [TrackSightings(seen, ALL)], LENS)
     assert found.grown and found.solution.registered.all()
     assert away(found.solution.bundle, true).max() < 0.5
     assert found.solution.error < 1
@@ -58,7 +58,7 @@ def test_cameras_that_meet_every_frame_stay_as_they_are(held):
     true, _, seen = held
     ground = seen.keep(seen.point < GROUND)
     start = Solution(true, ground, np.ones(FRAMES, bool))
-    found = grow_trusted(start, (ground, ALL[:GROUND]), (ground, ALL[:GROUND]), LENS)
+    found = grow_trusted(start, *2 * [TrackSightings(ground, ALL[:GROUND])], LENS)
     assert not found.grown and found.solution.registered.all()
     assert found.solution.bundle is true and found.solution.observations is ground
 
@@ -68,7 +68,7 @@ def test_a_frame_that_sees_too_little_goes_on_as_before(held):
     last = seen.frame == FRAMES - 1
     few = np.cumsum(last) < MIN_SIGHTINGS
     seen = seen.keep(~last | few)
-    found = grow_trusted(Solution(drawn, seen, np.ones(FRAMES, bool)), (seen, ALL), (seen, ALL), LENS).solution
+    found = grow_trusted(Solution(drawn, seen, np.ones(FRAMES, bool)), *2 * [TrackSightings(seen, ALL)], LENS).solution
     assert found.registered.tolist() == [True] * (FRAMES - 1) + [False]
     step = [one.rotation[-1] @ one.rotation[-2].T for one in (drawn, found.bundle)]
     np.testing.assert_allclose(step[0], step[1], atol=1e-3)
