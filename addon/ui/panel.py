@@ -13,7 +13,8 @@ from ..common.wording import Reporting
 from ..edits import display, marking
 from ..edits.fields import draw_fields
 from ..io.render_setup import clip_camera
-from ..operators import cleanup, editing, point_edits
+from ..jobs import runner
+from ..operators import baking, cleanup, editing, point_edits
 from ..operators.gestures import TOOLS
 from ..operators.searching import draw_search
 from ..render import viewport
@@ -341,7 +342,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
         draw_lines(layout, context, state.uncovered, "INFO")
 
     def _draw_saving(self, layout, context, scene_object):
-        """Draw the button that saves the edits, where there is something to save."""
+        """Draw the buttons that save the edits and bake them, where there is something to save."""
         if not scene_object.holds_edits:
             layout.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
             return
@@ -349,8 +350,11 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
         if scene_object.state.history or not saved or touched:
             row = layout.row()
             text = "Save Edits to Scene" if saved and touched else scene_object.saving
-            row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
-            row.active = touched or not saved
+            save = row.row()
+            save.operator("f4x.save_edits", text=text, icon="FILE_TICK")
+            save.active = touched or not saved
+            row.operator("f4x.bake_edits", text="Bake…")
+        runner.draw_running(layout, context, baking.TITLE)
 
 
 CLASSES = (
