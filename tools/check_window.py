@@ -126,6 +126,11 @@ def look():
         if os.path.exists("{home}/start_job") and not runner.all_jobs():
             runner.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
         last, camera = bpy.context.window_manager.operators, bpy.context.scene.camera
+        if os.path.exists("{home}/cover") and "cover" not in bpy.data.objects:  # the whole picture, half way to the scene
+            corners = camera.data.view_frame(scene=bpy.context.scene)
+            mesh = bpy.data.meshes.new("cover")
+            mesh.from_pydata([camera.matrix_world @ (corner / (-2 * corner.z)) for corner in corners], [], [(0, 1, 2, 3)])
+            bpy.context.collection.objects.link(bpy.data.objects.new("cover", mesh))
         region = next(region for region in area.regions if region.type == "WINDOW")
         frame = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=bpy.context.scene)]
         across = [view3d_utils.location_3d_to_region_2d(region, area.spaces.active.region_3d, each).x for each in frame]
@@ -138,6 +143,7 @@ def look():
             edits=len(properties.history),
             saved=scene_object.is_saved,
             last=last[-1].bl_idname if last else "",
+            covered="cover" in bpy.data.objects,
             job=[job.state for job in runner.all_jobs()],
             stage=[job.stage for job in runner.all_jobs()],
         )
@@ -181,6 +187,7 @@ class Window:
             "rendered",
             "job",
             "stage",
+            "covered",
         )
         state = {"beat": 0} | dict.fromkeys(nothing)
         try:
@@ -326,6 +333,7 @@ def main() -> None:
         window.until("12_back", lambda state: state["screen"] == "view", lambda: press("Escape"))
         window.until("13_working", lambda state: state["stage"] == ["wait"], window.start_job)
         window.until("14_cancelled", lambda state: state["job"] == ["cancelled"], lambda: window.click("stop job"))
+        window.until("15_covered", lambda state: bool(state["covered"]), (window.home / "cover").touch)
         print(json.dumps(window.steps))
 
 

@@ -267,9 +267,14 @@ class SceneObject:
         return self._display(cache.NO_EDITS).scene
 
     @property
+    def pending(self) -> Display:
+        """The scene with the pending edits, without a preview."""
+        return self._display(self._pending)
+
+    @property
     def edited(self) -> Scene:
         """The scene with the pending edits."""
-        return self._display(self._pending).scene
+        return self.pending.scene
 
     @property
     def shown_edits(self) -> str:
