@@ -104,10 +104,9 @@ def _examples(scene_object: SceneObject) -> tuple[str, str]:
     except F4xError:  # its file is missing
         features = None
     if features is not None and any(head.spec.text_encoder for head in features.heads):
-        words, thing = "dog, cat", "the dog"
-    else:
-        words = thing = "everything" if still else "what moves"
-    return words, f"make {thing} red" if still else f"make {thing} red from second 2"
+        return "dog, cat", "make the dog red" if still else "make the dog red from second 2"
+    words = "everything" if still else "what moves"
+    return words, f"make {words} red"
 
 
 def _touched(context: bpy.types.Context, scene_object: SceneObject) -> str:
@@ -174,7 +173,6 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row = layout.row(align=True)
         row.prop(context.window_manager.f4x, "text", text="", icon="VIEWZOOM", placeholder=words)
         row.operator("f4x.query_text", text="", icon="PLAY")
-        draw_search(layout, "SELECT")
         draw_lines(layout, context, state.found, "INFO")
         row = layout.row(align=True)
         row.prop(state, "mode", expand=True, icon_only=True)
@@ -187,11 +185,13 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(state, "through", text="", icon="XRAY")
         row.prop(state, "whole", text="", icon="OBJECT_DATA")
         column = layout.column(align=True)
-        column.active = state.live
-        row = column.row()  # there without scores too: buttons that move are missed
-        row.alignment = "CENTER"
-        row.label(text=_bars(json.loads(state.histogram or f"[{', '.join('0' * marking.BARS)}]")))
-        column.prop(state, "threshold", slider=True)
+        if not draw_search(column, "SELECT"):  # the bars are there without scores too: buttons that move are missed
+            row = column.row()
+            row.active, row.alignment = state.live, "CENTER"
+            row.label(text=_bars(json.loads(state.histogram or f"[{', '.join('0' * marking.BARS)}]")))
+        row = column.row()
+        row.active = state.live
+        row.prop(state, "threshold", slider=True)
         row = layout.row()
         selected, total = display.last_counts(scene_object)
         row.label(text=f"{selected:,} of {total:,} selected", icon="RESTRICT_SELECT_OFF")
@@ -251,10 +251,10 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
         row = layout.row(align=True)
         row.prop(context.window_manager.f4x, "sentence", text="", icon="CONSOLE", placeholder=sentence)
         row.operator("f4x.plan", text="", icon="PLAY").readings = 1
-        draw_search(layout, "EDIT")
+        searching = draw_search(layout, "EDIT")
         if state.readings:
             self._draw_readings(layout, context, state)
-        if state.answer or not state.readings:
+        if not searching and (state.answer or not state.readings):
             example = EXAMPLE_OF_STILL if is_still(state.id_data) else EXAMPLE
             draw_lines(layout, context, state.answer or example, "INFO", space=(ANSWER_LINES, 100))
         if state.slower:
