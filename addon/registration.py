@@ -5,6 +5,7 @@ import bpy
 from .edits import display
 from .jobs import preferences, runner
 from .operators import (
+    baking,
     cameras,
     cleanup,
     documentation,
@@ -34,6 +35,7 @@ CLASSES = (
     *preferences.CLASSES,
     *tasks.CLASSES,
     *exporting.CLASSES,
+    *baking.CLASSES,
     *cameras.CLASSES,
     *properties.CLASSES,
     *searching.CLASSES,

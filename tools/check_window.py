@@ -126,6 +126,11 @@ def look():
         if os.path.exists("{home}/start_job") and not runner.all_jobs():
             runner.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
         last, camera = bpy.context.window_manager.operators, bpy.context.scene.camera
+        if os.path.exists("{home}/cover") and "cover" not in bpy.data.objects:  # the whole picture, half way to the scene
+            corners = camera.data.view_frame(scene=bpy.context.scene)
+            mesh = bpy.data.meshes.new("cover")
+            mesh.from_pydata([camera.matrix_world @ (corner / (-2 * corner.z)) for corner in corners], [], [(0, 1, 2, 3)])
+            bpy.context.collection.objects.link(bpy.data.objects.new("cover", mesh))
         region = next(region for region in area.regions if region.type == "WINDOW")
         frame = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=bpy.context.scene)]
         across = [view3d_utils.location_3d_to_region_2d(region, area.spaces.active.region_3d, each).x for each in frame]
@@ -138,6 +143,7 @@ def look():
             edits=len(properties.history),
             saved=scene_object.is_saved,
             last=last[-1].bl_idname if last else "",
+            covered="cover" in bpy.data.objects,
             job=[job.state for job in runner.all_jobs()],
             stage=[job.stage for job in runner.all_jobs()],
         )
@@ -166,6 +172,20 @@ class Window:
         self.hand("mousemove", *PLACES[place])
         self.hand("click", 1)
 
+    def press(self, key: str | int) -> None:
+        """Press a key over the viewport."""
+        self.hand("mousemove", *PLACES["viewport"])
+        self.hand("key", key)
+
+    def draw(self, name: str, *places: tuple[float, float]) -> None:
+        """Drag the mouse along `places`, and take a picture before its button is let go."""
+        self.hand("mousemove", *places[0])
+        self.hand("mousedown", 1)
+        for place in places[1:]:
+            self.hand("mousemove", *place)
+        self.screenshot(name)
+        self.hand("mouseup", 1)
+
     def state(self) -> dict:
         """Text of the sidebar."""
         nothing = (
@@ -181,6 +201,7 @@ class Window:
             "rendered",
             "job",
             "stage",
+            "covered",
         )
         state = {"beat": 0} | dict.fromkeys(nothing)
         try:
@@ -254,79 +275,80 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     with blender(options.root, options.scene, options.out, options.frame, options.shading) as window:
-
-        def type_word() -> None:
-            window.click("text")
-            window.hand("key", "ctrl+a")
-            window.hand("type", "--delay", "100", options.word)
-            window.screenshot("1_typed")
-            window.hand("key", "Return")  # a second one would open the field again
-
-        def press(keys: str | int) -> None:
-            window.hand("mousemove", *PLACES["viewport"])
-            window.hand("key", keys)
-
         window.until("0_imported", lambda state: state["total"] and not state["selected"])
-        window.until("2_text", lambda state: state["text"] == options.word, type_word)
-        asked = window.until("3_queried", lambda state: state["selected"])  # Enter asks
-        window.until("4_recoloured", lambda state: state["edits"] == 1, lambda: window.click("recolor"))
-        undone = window.until("5_undone", lambda state: state["edits"] == 0, lambda: press("ctrl+z"))
-        if undone["selected"] != asked["selected"]:
-            raise SystemExit(f"5_undone: the selection went as well; the sidebar says {undone}")
-        window.until("6_redone", lambda state: state["edits"] == 1, lambda: press("ctrl+shift+z"))
-        window.until("7_saved", lambda state: state["saved"] and state["edits"] == 1, lambda: window.click("save"))
-        shutil.copy(window.home / "scene.f4x", options.out / "saved.f4x")
-
-        left, top, right, bottom = asked["thing"]
-
-        def point() -> None:
-            window.click("point")
-            window.hand("mousemove", (left + right) // 2, (top + bottom) // 2)
-            window.hand("click", 1)
-
-        def draw_box() -> None:
-            window.click("box")
-            for command in (("mousemove", left, top), ("mousedown", 1), ("mousemove", right, bottom)):
-                window.hand(*command)
-            window.screenshot("9_drawn")
-            window.hand("mouseup", 1)
-
-        def by(operator: str) -> Callable[[dict], bool]:
-            return lambda state: bool(state["selected"]) and state["last"] == f"F4X_OT_query_{operator}"
-
-        def drag(tool: str, *places: tuple[float, float]) -> Callable[[], None]:
-            def act() -> None:
-                (window.home / "tool").write_text(f"f4x.{tool}_tool")
-                window.wait(SEEN)
-                window.hand("mousemove", *places[0])
-                window.hand("mousedown", 1)
-                for place in places[1:]:
-                    window.hand("mousemove", *place)
-                window.screenshot(f"9_{tool}_drawn")
-                window.hand("mouseup", 1)
-
-            return act
-
-        def gestured(tool: str) -> Callable[[dict], bool]:
-            return lambda state: bool(state["selected"]) and state["last"] == f"F4X_OT_select_{tool}"
-
-        middle, corner = ((left + right) / 2, (top + bottom) / 2), (right, bottom)
-        ways = {
-            "box": [(left, top), (left + 5, top + 5), middle, corner],
-            "brush": [(left, middle[1]), (left + 5, middle[1]), middle, (right, middle[1])],
-            "lasso": [(left, top), (left + 5, top), (right, top), corner, (left, bottom)],
-            "sphere": [middle, (middle[0] + 5, middle[1]), (right, middle[1])],
-        }
-        window.until("8_pointed", by("point"), point)
-        window.until("9_boxed", by("box"), draw_box)
-        for tool, way in ways.items():
-            window.until(f"9_{tool}", gestured(tool), drag(tool, *way))
-        window.until("10_rendering", lambda state: state["rendered"] == "running", lambda: press(F12))
-        window.until("11_stopped", lambda state: state["rendered"] == "cancelled", lambda: press("Escape"))
-        window.until("12_back", lambda state: state["screen"] == "view", lambda: press("Escape"))
-        window.until("13_working", lambda state: state["stage"] == ["wait"], window.start_job)
-        window.until("14_cancelled", lambda state: state["job"] == ["cancelled"], lambda: window.click("stop job"))
+        box = edit_by_sidebar(window, options.word)
+        select_by_mouse(window, box)
+        stop_render_and_job(window)
+        window.until("15_covered", lambda state: bool(state["covered"]), (window.home / "cover").touch)
         print(json.dumps(window.steps))
+
+
+def edit_by_sidebar(window: Window, word: str) -> list[float]:
+    """Ask for a word, recolor what it selects, undo, redo and save; returns the box of what was selected, pixels."""
+
+    def type_word() -> None:
+        window.click("text")
+        window.hand("key", "ctrl+a")
+        window.hand("type", "--delay", "100", word)
+        window.screenshot("1_typed")
+        window.hand("key", "Return")  # a second one would open the field again
+
+    window.until("2_text", lambda state: state["text"] == word, type_word)
+    asked = window.until("3_queried", lambda state: state["selected"])  # Enter asks
+    window.until("4_recoloured", lambda state: state["edits"] == 1, lambda: window.click("recolor"))
+    undone = window.until("5_undone", lambda state: state["edits"] == 0, lambda: window.press("ctrl+z"))
+    if undone["selected"] != asked["selected"]:
+        raise SystemExit(f"5_undone: the selection went as well; the sidebar says {undone}")
+    window.until("6_redone", lambda state: state["edits"] == 1, lambda: window.press("ctrl+shift+z"))
+    window.until("7_saved", lambda state: state["saved"] and state["edits"] == 1, lambda: window.click("save"))
+    shutil.copy(window.home / "scene.f4x", window.out / "saved.f4x")
+    return asked["thing"]
+
+
+def select_by_mouse(window: Window, box: list[float]) -> None:
+    """Select by a click, a box around it and every gesture."""
+    left, top, right, bottom = box
+    middle, corner = ((left + right) / 2, (top + bottom) / 2), (right, bottom)
+
+    def selected_by(operator: str) -> Callable[[dict], bool]:
+        return lambda state: bool(state["selected"]) and state["last"] == f"F4X_OT_{operator}"
+
+    def point() -> None:
+        window.click("point")
+        window.hand("mousemove", *map(int, middle))
+        window.hand("click", 1)
+
+    def draw_box() -> None:
+        window.click("box")
+        window.draw("9_drawn", (left, top), corner)
+
+    def gesture(tool: str, *places: tuple[float, float]) -> Callable[[], None]:
+        def act() -> None:
+            (window.home / "tool").write_text(f"f4x.{tool}_tool")
+            window.wait(SEEN)
+            window.draw(f"9_{tool}_drawn", *places)
+
+        return act
+
+    ways = {
+        "box": [(left, top), (left + 5, top + 5), middle, corner],
+        "brush": [(left, middle[1]), (left + 5, middle[1]), middle, (right, middle[1])],
+        "lasso": [(left, top), (left + 5, top), (right, top), corner, (left, bottom)],
+        "sphere": [middle, (middle[0] + 5, middle[1]), (right, middle[1])],
+    }
+    window.until("8_pointed", selected_by("query_point"), point)
+    window.until("9_boxed", selected_by("query_box"), draw_box)
+    for tool, way in ways.items():
+        window.until(f"9_{tool}", selected_by(f"select_{tool}"), gesture(tool, *way))
+
+
+def stop_render_and_job(window: Window) -> None:
+    """Begin a picture and a job, and stop both."""
+    window.until("10_rendering", lambda state: state["rendered"] == "running", lambda: window.press(F12))
+    window.until("11_stopped", lambda state: state["rendered"] == "cancelled", lambda: window.press("Escape"))
+    window.until("12_back", lambda state: state["screen"] == "view", lambda: window.press("Escape"))
+    window.until("13_working", lambda state: state["stage"] == ["wait"], window.start_job)
+    window.until("14_cancelled", lambda state: state["job"] == ["cancelled"], lambda: window.click("stop job"))
 
 
 if __name__ == "__main__":

@@ -97,9 +97,8 @@ def look(view: View) -> None:
 
 
 def choose_tab(view: View) -> None:
-    """The sidebar's tab; the clip's camera fills what is left of the viewport."""
+    """The sidebar's tab."""
     view.region("UI").active_panel_category = "Feature4X"
-    view.call(bpy.ops.view3d.view_center_camera)
 
 
 def query(view: View) -> None:

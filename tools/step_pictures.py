@@ -29,7 +29,7 @@ SIZE = (900, 600)
 """Pixels of the window."""
 LARGE = (1152, 908)
 """That of docs/images/sidebar.jpg."""
-PANELS = ("Scene", "Select", "Edit", "Edits", "Motion", "Mesh", "Tasks")
+PANELS = ("Scene", "Select", "Edit", "Edits", "Motion", "Mesh", "Clean and Place", "Tasks")
 HEADER, PITCH = (40, 96), 28
 """Of the first panel: pixels from the sidebar's left side, and from the window's top; height of a closed panel."""
 PASSES = (808, 39)

@@ -21,7 +21,7 @@ _PANEL_WORDS = (
     ),
     (r"`f4x render[^`]*unseen`", "The pass Unseen of Feature4X's renders"),
     (r"`f4x export[^`]*`", "Tasks > Export"),
-    (r"`f4x bake` (them|the scene)", r"bake \1 with the command f4x bake"),
+    (r"`f4x bake` (them|the scene)", r"bake \1 (panel Edits)"),
     (r"use `f4x undo[^`]*`(, or the button for it)?", "press Ctrl-Z"),
     (r"`f4x undo[^`]*`", "Ctrl-Z"),
     (

@@ -141,7 +141,10 @@ def count(scene_object: SceneObject) -> None:
 
 
 def counts(scene_object: SceneObject) -> tuple[int, int]:
-    """Return the numbers of selected and existing Gaussians, whoever selected or deleted points since."""
+    """Return the numbers of selected and existing Gaussians, whoever selected or deleted points since; a preview removes none."""
+    if PREVIEW in scene_object.root:
+        with contextlib.suppress(F4xError):  # the file is gone: the points as they are drawn are all that is known
+            return _counts_without_preview(scene_object)
     selected = total = 0
     for cloud in scene_object.clouds:
         chosen, gone = (read_attribute(cloud.data, name) for name in (SELECTED, GONE))
@@ -149,6 +152,13 @@ def counts(scene_object: SceneObject) -> tuple[int, int]:
         total += int(there.sum())
         selected += 0 if chosen is None else int((chosen & there).sum())
     return selected, total
+
+
+def _counts_without_preview(scene_object: SceneObject) -> tuple[int, int]:
+    pending = scene_object.pending
+    there = pending.appearance(scene_object.frame).opacities > 0
+    chosen = np.isin(pending.scene.ids, scene_object.shown.scene.ids[scene_object.read(SELECTED)])
+    return int((chosen & there).sum()), int(there.sum())
 
 
 def last_counts(scene_object: SceneObject) -> tuple[int, int]:

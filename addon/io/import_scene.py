@@ -19,6 +19,8 @@ frame into the object's); ours: `gid` (identity), `rgb` (linear display colour),
 scene has features `f4x_latent`, their three principal components from 0 to 1; where its colors change in time those of `tints`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -90,66 +92,90 @@ def import_scene(
     it is still there with as many pictures.
     Raises F4xError for a missing, damaged or unsuitable file; nothing is added to Blender then.
     """
-    path = Path(path)
-    kind = identify(path, sequence)
-    opened = open_any(path) if kind == "sequence" else cache.opened(path)
-    if isinstance(opened, SplatSequence):
-        check_size(opened, step)
-        first = opened[0]
-    else:
-        first = edited(opened)
-        _check(first, path)
-    name = _free_name(_called(path, opened.name) if kind == "scene" else opened.name or path.stem)
+    source = _Source.read(Path(path), sequence, step)
+    opened, name = source.opened, source.free_name()
     collection = bpy.data.collections.new(name)
     bpy.context.scene.collection.children.link(collection)
     try:
-        root = _add_root(name, path, kind, opened, collection)
-        material = None if draws_splats() else _splat_material(name)
-        if isinstance(opened, SplatSequence):
-            clouds = add_sequence(
-                opened,
-                step,
-                name,
-                lambda title, scene: _add_gaussians(title, scene.static, Extras(), collection, material),
-            )
-        else:
-            clouds = _add_clouds(name, first, collection, root, material)
-        camera = add_camera(f"{name} camera", opened.cameras, first, collection)
-        for item in (*clouds, camera):
-            item.parent = root
-        follow_scale(camera, root)
-        ClipSettings.of(opened, foreign=kind != "scene").remember(camera)
+        root = _add_root(name, source, collection)
+        clouds = _add_clouds(source, root, collection)
+        camera = _add_clip_camera(source, root, collection)
         if set_up_render:
             set_up(bpy.context.scene, camera)
-        times = opened.cameras.times
-        rate = clip_time.rate_between(opened.fps, bpy.context.scene) if len(times) > 1 else 1.0  # a still has no pace
-        clip_time.set_up(root, times[0], times[-1], rate)
-        for cloud in clouds if first.tints is not None else ():
-            if len(cloud.data.points):
-                add_tints(root, cloud, first.tints.times)
+        _set_up_time(source, root, clouds)
         if clip is not None:
-            show_clip(camera, Path(clip), times, barred=isinstance(opened, Scene) and has_bars(opened))
-        if kind != "sequence":
-            _make_editable(root, clouds, first)
+            times, barred = opened.cameras.times, isinstance(opened, Scene) and has_bars(opened)
+            show_clip(camera, Path(clip), times, barred=barred)
+        if source.kind != "sequence":
+            _make_editable(root, clouds, source.first)
     except F4xError:
         _take_out(collection)
         raise
-    if clip is None and kind == "scene":
-        _show_own_clip(first, path, camera)
+    if clip is None and source.kind == "scene":
+        _show_own_clip(source.first, source.path, camera)
     return root
 
 
-def _add_root(
-    name: str, path: Path, kind: str, opened: Scene | SplatSequence, collection: bpy.types.Collection
-) -> bpy.types.Object:
-    """Add the empty below which all of a scene lies; it knows the file at `path`, and what was guessed of it."""
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """The content of a file that is imported."""
+
+    path: Path
+    kind: str
+    """As `identify` has it."""
+    opened: Scene | SplatSequence
+    first: Scene
+    """The scene as its enabled edits leave it, or the first file of a sequence."""
+    step: int
+    """Of the files of a sequence every so many-th is taken."""
+
+    @classmethod
+    def read(cls, path: Path, sequence: bool, step: int) -> _Source:
+        """Open the file. Raises F4xError where Blender cannot hold it, or it has nothing to show."""
+        kind = identify(path, sequence)
+        opened = open_any(path) if kind == "sequence" else cache.opened(path)
+        if isinstance(opened, SplatSequence):
+            check_size(opened, step)
+            return cls(path, kind, opened, opened[0], step)
+        first = edited(opened)
+        _check(first, path)
+        return cls(path, kind, opened, first, step)
+
+    def free_name(self) -> str:
+        """Return a name for the objects that no object has yet."""
+        called = _called(self.path, self.opened.name) if self.kind == "scene" else self.opened.name or self.path.stem
+        return _free_name(called)
+
+
+def _add_root(name: str, source: _Source, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Add the empty below which all of a scene lies; it knows the file, and what was guessed of it."""
     root = _add_object(name, None, collection)
     root.matrix_world = Matrix(BLENDER_FROM_SCENE)
     root.empty_display_size = TINY
-    root[SOURCE if kind == "sequence" else PATH] = str(path)
-    if kind != "scene" and (notes := notes_of(opened)):
+    root[SOURCE if source.kind == "sequence" else PATH] = str(source.path)
+    if source.kind != "scene" and (notes := notes_of(source.opened)):
         root[NOTES] = "; ".join(notes)
     return root
+
+
+def _add_clip_camera(source: _Source, root: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Add the clip's camera below `root`; it remembers the clip's settings."""
+    camera = add_camera(f"{root.name} camera", source.opened.cameras, source.first, collection)
+    camera.parent = root
+    follow_scale(camera, root)
+    ClipSettings.of(source.opened, foreign=source.kind != "scene").remember(camera)
+    return camera
+
+
+def _set_up_time(source: _Source, root: bpy.types.Object, clouds: Sequence[bpy.types.Object]) -> None:
+    """Let the scene play at the clip's pace, with its colors over time."""
+    times = source.opened.cameras.times
+    still = len(times) < 2  # it has no pace
+    rate = 1.0 if still else clip_time.rate_between(source.opened.fps, bpy.context.scene)
+    clip_time.set_up(root, times[0], times[-1], rate)
+    for cloud in clouds if source.first.tints is not None else ():
+        if len(cloud.data.points):
+            add_tints(root, cloud, source.first.tints.times)
 
 
 def _make_editable(root: bpy.types.Object, clouds: Sequence[bpy.types.Object], scene: Scene) -> None:
@@ -169,9 +195,27 @@ def _make_editable(root: bpy.types.Object, clouds: Sequence[bpy.types.Object], s
         display.update_panel(scene_object)
 
 
-def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
+def _add_clouds(source: _Source, root: bpy.types.Object, collection: bpy.types.Collection) -> list[bpy.types.Object]:
+    """Add the point clouds below `root`: one for each file of a sequence, else those of the scene."""
+    material = None if draws_splats() else _splat_material(root.name)
+    opened = source.opened
+    if isinstance(opened, SplatSequence):
+        clouds = add_sequence(
+            opened,
+            source.step,
+            root.name,
+            lambda title, scene: _add_gaussians(title, scene.static, Extras(), collection, material),
+        )
+    else:
+        clouds = _add_scene_clouds(source.first, root, collection, material)
+    for cloud in clouds:
+        cloud.parent = root
+    return clouds
+
+
+def _add_scene_clouds(scene: Scene, root, collection, material) -> list[bpy.types.Object]:
     """Add the point clouds of a scene, and the rig that moves the dynamic one."""
-    static, dynamic = extras_of(scene)
+    name, (static, dynamic) = root.name, extras_of(scene)
     clouds = [_add_gaussians(f"{name} static", scene.static, static, collection, material)]
     if len(scene.dynamic):
         clouds.append(_add_gaussians(f"{name} dynamic", scene.dynamic, dynamic, collection, material))

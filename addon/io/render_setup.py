@@ -114,7 +114,7 @@ def was_set_up(camera: bpy.types.Object) -> str:
     size, frames = clip.size and _size_text(*clip.size), clip.frames and f"frames {_frames_text(*clip.frames)}"
     rate = clip.fps and f"{clip.fps:.6g} fps"
     done = [part for part in (size, rate, frames) if part]
-    return f"Set up: {', '.join([*done, f'camera {camera.name!r}', f'view transform {VIEW_TRANSFORM}'])}"
+    return f"Set up: {', '.join([*done, 'camera', f'view {VIEW_TRANSFORM}'])}"
 
 
 def left_as_is(target: bpy.types.Scene, camera: bpy.types.Object) -> str:

@@ -3,13 +3,19 @@
 The .blend stores nothing about jobs. Closing Blender or disabling the extension ends every job and all its child processes.
 """
 
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
 import bpy
 
+from ...f4x_core.edit.scene_task import SceneTask
 from ...f4x_core.errors import F4xError
 from ..common.lines import draw_lines
 from ..common.wording import Reporting, panel_words
 from . import worker
-from .worker import Job
+from .worker import Job, own_command
 
 INTERVAL = 0.2
 """Seconds between two polls."""
@@ -56,6 +62,18 @@ def start(job: Job) -> None:
             raise F4xError(panel_words(job.error) or f"{job.title} was stopped.")
     elif not bpy.app.timers.is_registered(tick):
         bpy.app.timers.register(tick, first_interval=INTERVAL, persistent=True)
+
+
+def start_task(
+    title: str,
+    task: SceneTask,
+    on_done: Callable[[dict[str, Any]], None] | None = None,
+    interpreter: str | None = None,
+) -> None:
+    """Carry out a task on a scene in a process of its own, of Blender's Python where no `interpreter` is named; see `start`."""
+    path = Path(mkdtemp(dir=bpy.app.tempdir, prefix="task-")) / "task.json"
+    task.write(path)
+    start(Job(title, own_command(task.module(), path, interpreter=interpreter), on_done))
 
 
 def tick() -> float | None:
@@ -117,6 +135,13 @@ def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -
             column = lines.column(align=True)
             for line in list(job.log)[-LINES_SHOWN:]:
                 column.label(text=line[:MAX_LINE_CHARACTERS])
+
+
+def draw_running(layout: bpy.types.UILayout, context: bpy.types.Context, title: str) -> None:
+    """Draw the running jobs whose titles begin with `title`, where they were started; ended ones stay under Tasks."""
+    for job in _jobs:
+        if job.title.startswith(title) and job.state == worker.RUNNING:
+            draw_job(layout, context, job)
 
 
 class F4X_OT_dismiss_job(Reporting, bpy.types.Operator):  # noqa: N801 - Blender wants this form

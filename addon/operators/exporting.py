@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import mkdtemp
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ...f4x_core.edit.exporting import ExportRequest
+from ...f4x_core.edit.exporting import ExportTask
 from ...f4x_core.edit.operations import Extract
 from ...f4x_core.edit.stack import EditStack
 from ...f4x_core.errors import F4xError
@@ -20,7 +19,6 @@ from ...f4x_core.scene.formats.usd import expected_bytes
 from ..common.axes import BLENDER_FROM_SCENE
 from ..common.wording import Reporting
 from ..jobs import runner
-from ..jobs.worker import Job, own_command
 from ..rig.motion_edits import changes, unwritten
 from ..scene import cache
 from ..scene.scene_object import SceneObject
@@ -72,10 +70,10 @@ def stack_as_seen(scene_object: SceneObject) -> EditStack:
     return stack
 
 
-def _placed(root: bpy.types.Object) -> tuple[float, ...] | None:
+def _placed(root: bpy.types.Object) -> list[float] | None:
     """Return the move of the root since import, as a 4x4 matrix in the scene's axes, row by row; None where it was not."""
     matrix = np.linalg.inv(BLENDER_FROM_SCENE) @ np.array(root.matrix_world, np.float64)
-    return None if np.allclose(matrix, np.eye(4), atol=1e-6) else tuple(matrix.ravel().tolist())
+    return None if np.allclose(matrix, np.eye(4), atol=1e-6) else matrix.ravel().tolist()
 
 
 class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa: N801 - Blender wants this form
@@ -163,11 +161,10 @@ class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa:
         stack = stack_as_seen(scene_object) if self.with_edits else EditStack()
         if self.selected_only:
             stack = stack.append(Extract(scene_object.selected_ids))
-        times = (scene_object.frame,) if one else tuple(scene_object.base.cameras.times.tolist())
-        request = Path(mkdtemp(dir=bpy.app.tempdir, prefix="export-")) / "request.json"
+        times = [scene_object.frame] if one else scene_object.base.cameras.times.tolist()
         transform = _placed(scene_object.root) if self.as_placed else None
-        ExportRequest(scene_object.path, cache.text_of(stack), times, output, name, transform).write(request)
-        runner.start(Job(f"Export {scene_object.name}", own_command("edit.exporting", request)))
+        task = ExportTask(str(scene_object.path), cache.text_of(stack), times, str(output), name, transform)
+        runner.start_task(f"Export {scene_object.name}", task)
         self.report({"INFO"}, f"Exporting to {output}" if not bpy.app.background else f"Exported {output}")
         return {"FINISHED"}
 

@@ -8,6 +8,7 @@ The engine Feature4X draws the Gaussians and never such a mesh; what it does in 
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from bpy.props import BoolProperty, IntProperty
 
 from ...f4x_core.edit.apply import EditedScene
-from ...f4x_core.edit.meshing import Request
+from ...f4x_core.edit.meshing import MeshTask
 from ...f4x_core.errors import F4xError
 from ...f4x_core.scaffold import Scaffold
 from ...f4x_core.scaffold.deformation import node_poses_at
@@ -29,7 +30,6 @@ from ..common.lines import CATEGORY
 from ..common.point_cloud import selected_in, write_attribute
 from ..common.wording import Reporting
 from ..jobs import runner
-from ..jobs.worker import RUNNING, Job, own_command
 from ..render.evaluated import OF
 from ..rig.repair import add_pairs
 from ..rig.scaffold import NODES, all_nodes
@@ -128,10 +128,8 @@ class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blend
 def _start(scene_object: SceneObject, ids: np.ndarray, time: float | None, config: MeshConfig) -> None:
     """Start a job that makes a mesh, and adds it to the scene when it is done."""
     scene, uid, active = scene_object.edited, scene_object.root.session_uid, _active_uid()
-    folder = Path(mkdtemp(dir=bpy.app.tempdir, prefix="mesh-"))
-    asked, made = folder / "request.npz", folder / "made.npz"
+    made = Path(mkdtemp(dir=bpy.app.tempdir, prefix="mesh-")) / "made.npz"
     edits = cache.text_of(scene_object.stack)
-    Request(scene_object.path, edits, ids, time, config).write(asked)
 
     def done(result: dict[str, Any]) -> None:
         root = next((item for item in bpy.data.objects if item.session_uid == uid), None)
@@ -143,7 +141,8 @@ def _start(scene_object: SceneObject, ids: np.ndarray, time: float | None, confi
         if bpy.ops.ed.undo_push.poll():
             bpy.ops.ed.undo_push(message="Make Mesh")
 
-    runner.start(Job(f"{TITLE} {scene_object.name}", own_command("edit.meshing", asked, made), done))
+    task = MeshTask(str(scene_object.path), edits, ids.tolist(), time, asdict(config), str(made))
+    runner.start_task(f"{TITLE} {scene_object.name}", task, done)
 
 
 def _active_uid() -> int:
@@ -203,9 +202,7 @@ class F4X_PT_mesh(bpy.types.Panel):  # noqa: N801
         """Draw the button, and the switches of the active mesh."""
         layout, item = self.layout, context.object
         layout.operator("f4x.make_mesh", text="Make Mesh…", icon="MESH_DATA")
-        for job in runner.all_jobs():  # ended ones stay under Tasks
-            if job.title.startswith(TITLE) and job.state == RUNNING:
-                runner.draw_job(layout, context, job)
+        runner.draw_running(layout, context, TITLE)
         if is_made(item):
             column = layout.column(heading=item.name, align=True)
             for name in SWITCHES:

@@ -167,12 +167,14 @@ def _redraw(context: bpy.types.Context) -> None:
             area.tag_redraw()
 
 
-def draw_search(layout: bpy.types.UILayout, section: str) -> None:
-    """Draw the progress of a search that was started in this section, and the button that stops it."""
-    if _running is not None and _running.section == section:
-        row = layout.row(align=True)
-        row.progress(factor=_running.fraction, text=_running.line)
-        row.operator("f4x.stop_search", text="", icon="X")
+def draw_search(layout: bpy.types.UILayout, section: str) -> bool:
+    """Draw the progress of a search that was started in this section, and the button that stops it. Return True if there is one."""
+    if _running is None or _running.section != section:
+        return False
+    row = layout.row(align=True)
+    row.progress(factor=_running.fraction, text=_running.line)
+    row.operator("f4x.stop_search", text="", icon="X")
+    return True
 
 
 class F4X_OT_stop_search(Reporting, bpy.types.Operator):  # noqa: N801 - Blender wants this form

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
 import bpy
@@ -18,7 +17,7 @@ from ..edits import display
 from ..io.clip_background import find_clip, shown_clip
 from ..jobs import runner
 from ..jobs.preferences import find_interpreter, worker_python
-from ..jobs.worker import RUNNING, Job, core_command, own_command
+from ..jobs.worker import RUNNING, Job, core_command
 from ..rig.motion_edits import unwritten
 from ..scene import cache
 from ..scene.scene_object import PATH, SceneObject
@@ -260,15 +259,13 @@ class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
 
     def start(self, context):
         """Start the job: of the worker, where there is one, whose models know more words; else of Blender's own Python."""
-        from ...f4x_core.app.asking import AskRequest  # not above: Blender starts more often than somebody asks
+        from ...f4x_core.app.asking import AskTask  # not above: Blender starts more often than somebody asks
 
         scene_object = SceneObject.of(context.active_object)
         chosen, edits = scene_object.selection, cache.text_of(stack_as_seen(scene_object))
-        request = Path(mkdtemp(dir=bpy.app.tempdir, prefix="ask-")) / "request.json"
         selection = None if chosen is None else chosen.to_json()
-        AskRequest(str(scene_object.path), edits, self.question, selection).write(request)
-        command = own_command("app.asking", request, interpreter=find_interpreter())
-        runner.start(Job(f"Ask: {self.question}", command))
+        task = AskTask(str(scene_object.path), edits, self.question, selection)
+        runner.start_task(f"Ask: {self.question}", task, interpreter=find_interpreter())
 
 
 class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801

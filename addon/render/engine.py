@@ -319,6 +319,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             viewport_gpu.refuse(error)
             self._card, self._step, self._refused = None, 0, self._stage
             return False
+        viewport_gpu.shown[bpy.context.region.as_pointer()] = self._card
         return True
 
     def _draw_on_processor(self) -> None:

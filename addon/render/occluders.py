@@ -35,8 +35,7 @@ def hide_occluders(root: bpy.types.Object, frames: Iterable[int]) -> str:
     scene.frame_set(present)
     if not names:
         return ""
-    stood = "stood" if len(names) == 1 else "each stood"
-    return f"{', '.join(names)} {stood} between the clip's camera and the scene and is hidden now; the outliner shows it again."
+    return f"Hidden, as it was in the way: {', '.join(names)}."
 
 
 def _largest_occluder(root: bpy.types.Object) -> bpy.types.Object | None:

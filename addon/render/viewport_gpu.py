@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from weakref import WeakValueDictionary
 
 import gpu
 import numpy as np
@@ -35,6 +37,16 @@ _refusal: str | None = None  # why the graphics card cannot draw, once it has sa
 _said: set[str] = set()
 
 
+@dataclass(frozen=True, eq=False)
+class SurfaceDepths:
+    """Depths of the nearest surfaces in a viewport's picture, by which other things can be hidden behind them."""
+
+    texture: gpu.types.GPUTexture
+    """One float for each pixel."""
+    row: np.ndarray
+    """(4,) times a point of the world, homogeneous: its depth."""
+
+
 class GpuPicture:
     """One viewport's picture. Needs an active GPU context; what the driver refuses is raised as it comes."""
 
@@ -51,6 +63,7 @@ class GpuPicture:
         self._known: Sequence[Surface] | None = None
         self._strip = _batch("TRI_STRIP", {"corner": np.array(_STRIP, np.float32)})
         self._targets: _Targets | None = None
+        self.surface_depths: SurfaceDepths | None = None
 
     def load(self, clouds: Sequence[Cloud], surfaces: Sequence[Surface], background: np.ndarray) -> None:
         """Take a stage; upload what of it is new."""
@@ -87,6 +100,7 @@ class GpuPicture:
             constants = glsl.splat_constants(seen.camera, seen.near, config, self.splats)
             self._draw_splats(targets, tables, constants, count)
         self._draw_linear(targets)
+        self.surface_depths = SurfaceDepths(targets.limit, seen.camera.world_to_camera[2])
         self.milliseconds["draw"] = 1e3 * (time.thread_time() - start)
         return targets.linear
 
@@ -156,6 +170,10 @@ class _Targets:
         self.limit.clear(format="FLOAT", value=(far,))
 
 
+shown: WeakValueDictionary[int, GpuPicture] = WeakValueDictionary()
+"""Address of the region of a viewport -> the picture that it shows."""
+
+
 def picture() -> GpuPicture | None:
     """Return a new picture; None where the graphics card has refused."""
     if _refusal is not None:
@@ -187,17 +205,17 @@ def forget() -> None:
 
 
 def _compile() -> dict[str, gpu.types.GPUShader]:
-    splat = _info(glsl.SPLAT_CONSTANTS, glsl.SPLAT_SAMPLERS, {"corner": "VEC2"}, {"color": "VEC4"})
-    splat.vertex_out(_interface("splat_flat", glsl.SPLAT_FLAT, flat=True))
-    splat.vertex_out(_interface("splat_smooth", glsl.SPLAT_SMOOTH))
-    surface = _info(
+    splat = shader_info(glsl.SPLAT_CONSTANTS, glsl.SPLAT_SAMPLERS, {"corner": "VEC2"}, {"color": "VEC4"})
+    splat.vertex_out(interface("splat_flat", glsl.SPLAT_FLAT, flat=True))
+    splat.vertex_out(interface("splat_smooth", glsl.SPLAT_SMOOTH))
+    surface = shader_info(
         glsl.SURFACE_CONSTANTS,
         (),
         {"pos": "VEC3", "normal": "VEC3", "color": "VEC4"},
         {"ground": "VEC4", "nearest": "FLOAT"},
     )
-    surface.vertex_out(_interface("surface_smooth", glsl.SURFACE_SMOOTH))
-    linear = _info({}, ("picture",), {"corner": "VEC2"}, {"color": "VEC4"})
+    surface.vertex_out(interface("surface_smooth", glsl.SURFACE_SMOOTH))
+    linear = shader_info({}, ("picture",), {"corner": "VEC2"}, {"color": "VEC4"})
     sources = {
         "splat": (splat, glsl.SPLAT_VERTEX, glsl.SPLAT_FRAGMENT),
         "surface": (surface, glsl.SURFACE_VERTEX, glsl.SURFACE_FRAGMENT),
@@ -211,8 +229,10 @@ def _compile() -> dict[str, gpu.types.GPUShader]:
     return shaders
 
 
-def _info(constants: Mapping[str, str], samplers: Sequence[str], inputs: Mapping[str, str], outputs: Mapping[str, str]):
-    """A description of a shader without its sources and without what goes from vertices to fragments."""
+def shader_info(
+    constants: Mapping[str, str], samplers: Sequence[str], inputs: Mapping[str, str], outputs: Mapping[str, str]
+) -> gpu.types.GPUShaderCreateInfo:
+    """Return a description of a shader without its sources and without what goes from vertices to fragments."""
     info = gpu.types.GPUShaderCreateInfo()
     for name, kind in constants.items():
         info.push_constant(kind, name)
@@ -225,11 +245,12 @@ def _info(constants: Mapping[str, str], samplers: Sequence[str], inputs: Mapping
     return info
 
 
-def _interface(name: str, fields: Mapping[str, str], *, flat: bool = False) -> gpu.types.GPUStageInterfaceInfo:
-    interface = gpu.types.GPUStageInterfaceInfo(name)
+def interface(name: str, fields: Mapping[str, str], *, flat: bool = False) -> gpu.types.GPUStageInterfaceInfo:
+    """Return what a vertex shader hands to a fragment shader; `flat`: without interpolation."""
+    made = gpu.types.GPUStageInterfaceInfo(name)
     for field, kind in fields.items():
-        (interface.flat if flat else interface.smooth)(kind, field)
-    return interface
+        (made.flat if flat else made.smooth)(kind, field)
+    return made
 
 
 def _use(blend: str, depth_test: str, *, depth_mask: bool) -> None:

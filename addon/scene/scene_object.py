@@ -86,12 +86,13 @@ class SceneObject:
 
     @classmethod
     def of(cls, item: bpy.types.Object | None) -> SceneObject | None:
-        """Return the scene that `item` is a part of; where it is of none, the only one that there is."""
+        """Return the scene that `item` is a part of; where it is of none, the only one that there is, or that is visible."""
         root = root_of(item)
         if root is not None:
             return cls(root)
         scenes = cls.among(bpy.context.scene.objects)
-        return scenes[0] if len(scenes) == 1 else None
+        visible = [each for each in scenes if each.root.visible_get()]
+        return next((each[0] for each in (scenes, visible) if len(each) == 1), None)
 
     @classmethod
     def among(cls, objects: Iterable[bpy.types.Object]) -> list[SceneObject]:
@@ -266,9 +267,14 @@ class SceneObject:
         return self._display(cache.NO_EDITS).scene
 
     @property
+    def pending(self) -> Display:
+        """The scene with the pending edits, without a preview."""
+        return self._display(self._pending)
+
+    @property
     def edited(self) -> Scene:
         """The scene with the pending edits."""
-        return self._display(self._pending).scene
+        return self.pending.scene
 
     @property
     def shown_edits(self) -> str:

@@ -2,59 +2,106 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import bpy
 import gpu
 import numpy as np
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
+from ...f4x_core.scene.color import linear_from_srgb
 from ..common.point_cloud import read_attribute
+from ..render import viewport_gpu
+from ..render.viewport_gpu import SurfaceDepths, interface, shader_info
 from ..rig.native_motion import carried_places
 from ..scene.scene_object import PREVIEW, SELECTED, SceneObject
 
 COLOUR = (1.0, 0.05, 0.6, 0.3)
-"""Pink: rare in pictures, unlike the orange in which Blender outlines objects; the points' own color shows through."""
+"""Pink, in sRGB: rare in pictures, unlike the orange in which Blender outlines objects; the points' own color shows through."""
 SIZE = 2.0
 """Pixels of a point at a scale of 1."""
 
+VERTEX = """
+void main()
+{
+  gl_Position = ModelViewProjectionMatrix * vec4(pos, 1.0);
+  gl_PointSize = size;
+  depth = dot(depth_row, vec4(pos, 1.0));
+}
+"""
+FRAGMENT = """
+void main()
+{
+  if (depth > texture(surfaces, gl_FragCoord.xy / vec2(textureSize(surfaces, 0))).r) discard;
+  shown = color;
+}
+"""
 _batches: dict[int, gpu.types.GPUBatch | None] = {}  # session_uid of a cloud -> its selected points
 _handle = None
 
 
 def _draw() -> None:
-    """Draw the selected points of every cloud, made anew only where something has changed."""
+    """Draw the selected points of every cloud, made anew only where something has changed; meshes of the engine hide them."""
     context = bpy.context
     if context.mode != "OBJECT" or not context.space_data.overlay.show_overlays:
         return
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     depsgraph = context.evaluated_depsgraph_get()
+    shown = []
     # a preview is to be looked at: nothing is drawn over it
     for scene_object in [each for each in SceneObject.among(context.scene.objects) if PREVIEW not in each.root]:
-        for cloud in scene_object.clouds:
-            if not cloud.visible_get():
-                continue
+        for cloud in [cloud for cloud in scene_object.clouds if cloud.visible_get()]:
             if cloud.session_uid not in _batches:
-                _batches[cloud.session_uid] = _batch(cloud, cloud.evaluated_get(depsgraph).data, shader)
-            batch = _batches[cloud.session_uid]
-            if batch is None:
-                continue
-            gpu.state.blend_set("ALPHA")
-            gpu.state.point_size_set(SIZE * context.preferences.system.ui_scale)
-            with gpu.matrix.push_pop():
-                gpu.matrix.multiply_matrix(cloud.matrix_world)
-                shader.uniform_float("color", COLOUR)
-                batch.draw(shader)
-            gpu.state.blend_set("NONE")
+                _batches[cloud.session_uid] = _batch(cloud, cloud.evaluated_get(depsgraph).data)
+            if (batch := _batches[cloud.session_uid]) is not None:
+                shown.append((batch, cloud.matrix_world))
+    if not shown:
+        return
+    shader, depths = _shader(), _surface_depths(context.region)
+    gpu.state.blend_set("ALPHA")
+    gpu.state.program_point_size_set(True)
+    shader.bind()
+    shader.uniform_sampler("surfaces", depths.texture)
+    shader.uniform_float("color", (*linear_from_srgb(np.array(COLOUR[:3])).tolist(), COLOUR[3]))
+    shader.uniform_float("size", SIZE * context.preferences.system.ui_scale)
+    for batch, matrix in shown:
+        with gpu.matrix.push_pop():
+            gpu.matrix.multiply_matrix(matrix)
+            shader.uniform_float("depth_row", (depths.row @ np.array(matrix)).tolist())
+            batch.draw(shader)
+    gpu.state.program_point_size_set(False)
+    gpu.state.blend_set("NONE")
 
 
-def _batch(
-    cloud: bpy.types.Object, data: bpy.types.PointCloud, shader: gpu.types.GPUShader
-) -> gpu.types.GPUBatch | None:
+@cache
+def _shader() -> gpu.types.GPUShader:
+    constants = {"ModelViewProjectionMatrix": "MAT4", "color": "VEC4", "depth_row": "VEC4", "size": "FLOAT"}
+    info = shader_info(constants, ("surfaces",), {"pos": "VEC3"}, {"shown": "VEC4"})
+    info.vertex_out(interface("selection", {"depth": "FLOAT"}))
+    info.vertex_source(VERTEX)
+    info.fragment_source(FRAGMENT)
+    return gpu.shader.create_from_info(info)
+
+
+def _surface_depths(region: bpy.types.Region) -> SurfaceDepths:
+    """Return the depths of the surfaces in a viewport's picture; nothing hides anything where another engine draws it."""
+    picture = viewport_gpu.shown.get(region.as_pointer())
+    return (picture and picture.surface_depths) or _no_surfaces()
+
+
+@cache
+def _no_surfaces() -> SurfaceDepths:
+    texture = gpu.types.GPUTexture((1, 1), format="R32F")
+    texture.clear(format="FLOAT", value=(viewport_gpu.FARTHEST,))
+    return SurfaceDepths(texture, np.zeros(4))
+
+
+def _batch(cloud: bpy.types.Object, data: bpy.types.PointCloud) -> gpu.types.GPUBatch | None:
     """Return the selected points of an evaluated cloud; None where there are none."""
     chosen = read_attribute(data, SELECTED)
     if chosen is None or not chosen.any():
         return None
-    return batch_for_shader(shader, "POINTS", {"pos": carried_places(cloud, data)[np.flatnonzero(chosen)]})
+    return batch_for_shader(_shader(), "POINTS", {"pos": carried_places(cloud, data)[np.flatnonzero(chosen)]})
 
 
 @persistent
@@ -81,3 +128,5 @@ def unregister() -> None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
     _batches.clear()
+    _shader.cache_clear()
+    _no_surfaces.cache_clear()

@@ -6,6 +6,7 @@ import json
 
 import bpy
 
+from ...f4x_core.errors import F4xError
 from ..common.gaussian_attributes import draws_splats
 from ..common.lines import CATEGORY, draw_lines
 from ..common.render_settings import ENGINE
@@ -13,7 +14,8 @@ from ..common.wording import Reporting
 from ..edits import display, marking
 from ..edits.fields import draw_fields
 from ..io.render_setup import clip_camera
-from ..operators import cleanup, editing, point_edits
+from ..jobs import runner
+from ..operators import baking, cleanup, editing, point_edits
 from ..operators.gestures import TOOLS
 from ..operators.searching import draw_search
 from ..render import viewport
@@ -94,6 +96,19 @@ class F4X_OT_dismiss_notice(Reporting, bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
+def _examples(scene_object: SceneObject) -> tuple[str, str]:
+    """Return what the empty fields for words and sentences show: something that this scene can find."""
+    still = is_still(scene_object.root)
+    try:
+        features = scene_object.base.features
+    except F4xError:  # its file is missing
+        features = None
+    if features is not None and any(head.spec.text_encoder for head in features.heads):
+        return "dog, cat", "make the dog red" if still else "make the dog red from second 2"
+    words = "everything" if still else "what moves"
+    return words, f"make {words} red"
+
+
 def _touched(context: bpy.types.Context, scene_object: SceneObject) -> str:
     """Draw the changes of points by other tools that no edit holds; nothing while the scene plays."""
     return "" if context.screen.is_animation_playing else point_edits.summary(scene_object)
@@ -153,11 +168,11 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Draw the words, the tools and the threshold."""
-        layout, state = self.layout, SceneObject.of(context.object).state
+        layout, scene_object = self.layout, SceneObject.of(context.object)
+        state, (words, _) = scene_object.state, _examples(scene_object)
         row = layout.row(align=True)
-        row.prop(context.window_manager.f4x, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
+        row.prop(context.window_manager.f4x, "text", text="", icon="VIEWZOOM", placeholder=words)
         row.operator("f4x.query_text", text="", icon="PLAY")
-        draw_search(layout, "SELECT")
         draw_lines(layout, context, state.found, "INFO")
         row = layout.row(align=True)
         row.prop(state, "mode", expand=True, icon_only=True)
@@ -170,13 +185,15 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(state, "through", text="", icon="XRAY")
         row.prop(state, "whole", text="", icon="OBJECT_DATA")
         column = layout.column(align=True)
-        column.active = state.live
-        row = column.row()  # there without scores too: buttons that move are missed
-        row.alignment = "CENTER"
-        row.label(text=_bars(json.loads(state.histogram or f"[{', '.join('0' * marking.BARS)}]")))
-        column.prop(state, "threshold", slider=True)
+        if not draw_search(column, "SELECT"):  # the bars are there without scores too: buttons that move are missed
+            row = column.row()
+            row.active, row.alignment = state.live, "CENTER"
+            row.label(text=_bars(json.loads(state.histogram or f"[{', '.join('0' * marking.BARS)}]")))
+        row = column.row()
+        row.active = state.live
+        row.prop(state, "threshold", slider=True)
         row = layout.row()
-        selected, total = display.last_counts(SceneObject.of(context.object))
+        selected, total = display.last_counts(scene_object)
         row.label(text=f"{selected:,} of {total:,} selected", icon="RESTRICT_SELECT_OFF")
         row.prop(state, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
 
@@ -229,15 +246,15 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Draw the sentence, then buttons for color, visibility, place and time."""
-        layout, state = self.layout, SceneObject.of(context.object).state
+        layout, scene_object = self.layout, SceneObject.of(context.object)
+        state, (_, sentence) = scene_object.state, _examples(scene_object)
         row = layout.row(align=True)
-        typed = context.window_manager.f4x
-        row.prop(typed, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
+        row.prop(context.window_manager.f4x, "sentence", text="", icon="CONSOLE", placeholder=sentence)
         row.operator("f4x.plan", text="", icon="PLAY").readings = 1
-        draw_search(layout, "EDIT")
+        searching = draw_search(layout, "EDIT")
         if state.readings:
             self._draw_readings(layout, context, state)
-        if state.answer or not state.readings:
+        if not searching and (state.answer or not state.readings):
             example = EXAMPLE_OF_STILL if is_still(state.id_data) else EXAMPLE
             draw_lines(layout, context, state.answer or example, "INFO", space=(ANSWER_LINES, 100))
         if state.slower:
@@ -341,16 +358,19 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
         draw_lines(layout, context, state.uncovered, "INFO")
 
     def _draw_saving(self, layout, context, scene_object):
-        """Draw the button that saves the edits, where there is something to save."""
+        """Draw the buttons that save the edits and bake them, where there is something to save."""
         if not scene_object.holds_edits:
             layout.operator("f4x.save_as", text="Save As Scene…", icon="FILE_TICK")
             return
         saved, touched = scene_object.is_saved, bool(_touched(context, scene_object))
         if scene_object.state.history or not saved or touched:
-            row = layout.row()
+            column = layout.column(align=True)
+            row = column.row(align=True)
             text = "Save Edits to Scene" if saved and touched else scene_object.saving
             row.operator("f4x.save_edits", text=text, icon="FILE_TICK")
             row.active = touched or not saved
+            column.operator("f4x.bake_edits", text="Bake…", icon="FILE_NEW")
+        runner.draw_running(layout, context, baking.TITLE)
 
 
 CLASSES = (

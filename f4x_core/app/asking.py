@@ -1,21 +1,16 @@
-"""Questions about a scene; for Blender in a process of its own, whose Python needs numpy alone where no model is to answer.
-
-python -m f4x_core.app.asking REQUEST.json
-"""
+"""Questions about a scene; for Blender in a process of its own (`edit.scene_task`)."""
 
 from __future__ import annotations
 
-import json
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..edit.apply import edited, open_with
+from ..edit.apply import edited
 from ..edit.resolve import named
-from ..errors import F4xError
+from ..edit.scene_task import SceneTask
 from ..geometry.trajectory import Trajectory, original
-from ..processes import LineProgress, serve
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.engines import Engines
@@ -61,46 +56,20 @@ def ask(
 
 
 @dataclass(frozen=True)
-class AskRequest:
-    """A question, and the scene that it is about as Blender shows it."""
+class AskTask(SceneTask):
+    """A question, for a process of its own."""
 
-    scene: str
-    """Path of a scene or splat file."""
-    edits: str
-    """JSON of the stack in place of its own."""
     question: str
     selection: dict[str, Any] | None
     """JSON of the selection that "it" means."""
 
-    def write(self, path: Path) -> None:
-        """Write it for the child."""
-        path.write_text(json.dumps(asdict(self)), encoding="utf-8")
-
-    @classmethod
-    def read(cls, path: Path) -> AskRequest:
-        """Read what `write` wrote."""
-        return cls(**json.loads(path.read_text(encoding="utf-8")))
-
-    def answer(self, progress: Progress) -> Answer:
-        """Answer it; see `ask`."""
-        scene = open_with(Path(self.scene), self.edits)
+    def carry_out(self, progress: Progress) -> tuple[dict[str, Any], str]:
+        """Answer the question; see `ask`."""
         selected = None if self.selection is None else Selection.from_json(self.selection)
-        return ask(
-            scene, self.question, AskOptions(selected, server=ChatServer.from_environment(None)), progress=progress
-        )
-
-
-def main(arguments: list[str]) -> int:
-    """Answer the question of a request, and report the progress."""
-
-    def work(progress: LineProgress) -> tuple[dict[str, Any], str]:
-        if len(arguments) != 1:
-            raise F4xError("name one file: python -m f4x_core.app.asking REQUEST.json")
-        found = AskRequest.read(Path(arguments[0])).answer(progress)
+        options = AskOptions(selected, server=ChatServer.from_environment(None))
+        found = ask(self.opened(progress), self.question, options, progress=progress)
         return {"answer": found.text, "answered_by": found.answered_by}, f"[{found.answered_by}] {found.text}"
-
-    return serve(work)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(AskTask.main(sys.argv[1:]))

@@ -8,16 +8,15 @@ from dataclasses import replace
 from typing import Any
 
 from ..edit.apply import with_operations
-from ..edit.bake import bake, unfolded
+from ..edit.baking import bake_into
 from ..edit.description import SCENE_AXES, describe
 from ..edit.plan_lines import as_seen
-from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo
+from ..edit.stack import Edit, EditStack, read_stack, redo, undo
 from ..errors import F4xError
-from ..files import same_file
 from ..language.lexicon import plural
 from ..printing import one_line
 from ..progress import Progress
-from ..scene import Scene, read_scene, updating, write_scene
+from ..scene import read_scene, updating
 
 
 def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -53,38 +52,7 @@ def run_redo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fold the edits into the arrays of a new scene file."""
-    scene = read_scene(args.scene)
-    if same_file(args.output, args.scene):
-        raise F4xError(
-            f"{args.output}: it is the scene itself, whose edits could not be undone any more; give another file."
-        )
-    if not scene.edits:
-        raise F4xError(f"{args.scene}: it has no edits to fold in; copy the file.")
-    baked = bake(scene)
-    write_scene(baked, args.output)
-    left = unfolded(baked)
-    names = len(of(baked)) - len(left)
-    folded = len(baked.provenance.get("baked", ())) - len(scene.provenance.get("baked", ()))
-    rest = ""
-    if left:
-        staying = [edit.operation.TAG for edit in left] + [f"{names} {plural('name', names)}"] * bool(names)
-        rest = f"; these stay in the stack: {', '.join(staying)}: {_why_not_folded(scene)}"
-    return {
-        "output": str(args.output),
-        "folded": folded,
-        "left": len(left),
-        "static": len(baked.static),
-        "dynamic": len(baked.dynamic),
-        "text": f"{args.output}: {count_of(folded)} folded in{rest}",
-    }
-
-
-def _why_not_folded(scene: Scene) -> str:
-    """Return the reason why the first remaining edit cannot be folded in."""
-    for number, edit in enumerate(of(scene).edits, 1):
-        if edit.enabled and not edit.operation.lasts:
-            return f"{edit.titled(number)} changes with time what base arrays hold once, and those after it build on it"
-    return "the nodes of a scaffold cannot hold their moments exactly"
+    return bake_into(args.output, read_scene(args.scene), args.scene)
 
 
 def _in_words(path: str, stack: EditStack) -> dict[int, str]:

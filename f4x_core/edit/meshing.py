@@ -1,64 +1,50 @@
-"""A child process that makes the mesh of a selection for Blender, whose own Python runs it: numpy alone.
-
-python -m f4x_core.edit.meshing REQUEST.npz MADE.npz
-
-It writes JSON lines as the verbs of `f4x` do with `--progress-json` (`processes`).
-"""
+"""The mesh of a selection, made for Blender in a process of its own (`scene_task`)."""
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import F4xError
 from ..language.lexicon import plural
-from ..processes import LineProgress, serve
 from ..progress import Progress
 from ..scene import Scene
 from ..scene.mesh import MeshConfig, NoNodeError, SplatMesh, mesh_of
-from .apply import open_with
 from .bake import bake, unfolded
+from .scene_task import SceneTask
 
 
-@dataclass(frozen=True, eq=False)
-class Request:
+@dataclass(frozen=True)
+class MeshTask(SceneTask):
     """Sources of a mesh."""
 
-    scene: Path
-    """The scene file."""
-    edits: str
-    """JSON of the stack in place of its own."""
-    ids: np.ndarray
-    """(n,) ids of the selected Gaussians."""
+    ids: list[int]
+    """Ids of the selected Gaussians."""
     time: float | None
     """Clip time at which the surface is found; None: where they are spread the widest."""
-    config: MeshConfig
-
-    def write(self, path: Path) -> None:
-        """Write it for the child."""
-        settings = {"scene": str(self.scene), "edits": self.edits, "time": self.time, "config": asdict(self.config)}
-        np.savez(path, ids=self.ids, settings=json.dumps(settings))
-
-    @classmethod
-    def read(cls, path: Path) -> Request:
-        """Read what `write` wrote."""
-        with np.load(path) as arrays:
-            settings = json.loads(str(arrays["settings"]))
-            config = MeshConfig(**settings["config"])
-            return cls(Path(settings["scene"]), settings["edits"], arrays["ids"], settings["time"], config)
+    config: dict[str, Any]
+    """Fields of `MeshConfig`."""
+    output: str
+    """Path of the file that `SplatMesh.read` reads."""
 
     def made(self, progress: Progress) -> SplatMesh:
         """Make the mesh; see `mesh_of`."""
-        progress("scene", 0, 1)
-        scene = open_with(self.scene, self.edits)
+        scene = self.opened(progress)
         with advising(scene):
-            return mesh_of(scene, np.isin(scene.ids, self.ids), self.time, self.config, progress)
+            return mesh_of(scene, np.isin(scene.ids, self.ids), self.time, MeshConfig(**self.config), progress)
+
+    def carry_out(self, progress: Progress) -> tuple[dict[str, Any], str]:
+        """Make the mesh and write it."""
+        mesh = self.made(progress)
+        mesh.write(Path(self.output))
+        text = f"{len(mesh.faces):,} triangles in {mesh.parts} {plural('part', mesh.parts)}"
+        return {"faces": len(mesh.faces), "parts": mesh.parts}, text
 
 
 @contextmanager
@@ -74,19 +60,5 @@ def advising(scene: Scene) -> Iterator[None]:
         raise F4xError(f"{error}; {advice}.") from error
 
 
-def main(arguments: list[str]) -> int:
-    """Make the mesh of a request, telling how far it is."""
-
-    def work(progress: LineProgress) -> tuple[dict, str]:
-        if len(arguments) != 2:
-            raise F4xError("name two files: python -m f4x_core.edit.meshing REQUEST.npz MADE.npz")
-        mesh = Request.read(Path(arguments[0])).made(progress)
-        mesh.write(Path(arguments[1]))
-        text = f"{len(mesh.faces):,} triangles in {mesh.parts} {plural('part', mesh.parts)}"
-        return {"faces": len(mesh.faces), "parts": mesh.parts}, text
-
-    return serve(work)
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(MeshTask.main(sys.argv[1:]))

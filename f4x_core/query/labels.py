@@ -98,8 +98,8 @@ def text_head(scene: Scene, name: str | None = None) -> FieldHead:
         if head.spec.text_encoder is not None:
             return head
     raise F4xError(
-        f"In the scene '{scene.name}' {f'the head {name} does not understand' if name else 'no head understands'} words;"
-        " add one with `f4x distill SCENE --teacher text`."
+        f"The scene '{scene.name}' finds no things by words{f' with its head {name}' if name else ' yet'};"
+        " add features that do with `f4x distill SCENE --teacher text`."
     )
 
 

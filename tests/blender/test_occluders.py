@@ -57,7 +57,5 @@ ops.dismiss_notice()
 noted["dismissed"] = root().f4x.notice
 """
     noted, _ = perform(folder, script)
-    assert noted["project"] == (
-        "Cube stood between the clip's camera and the scene and is hidden now; the outliner shows it again."
-    )
+    assert noted["project"] == ("Hidden, as it was in the way: Cube.")
     assert noted["new file"] == noted["dismissed"] == ""

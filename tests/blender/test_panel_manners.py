@@ -339,7 +339,7 @@ noted["far"] = refused(ops.query_text, text="goat")
          "dog lacks 'ox'; add it with Tasks > Features, Words where minilm is installed."),
         ("add one with `f4x distill SCENE --teacher NAME`.", "add one with Tasks > Features."),
         ("there are 201 edits; 200 are the most, so `f4x bake` them first.",
-         "there are 201 edits; 200 are the most, so bake them with the command f4x bake first."),
+         "there are 201 edits; 200 are the most, so bake them (panel Edits) first."),
         ("fit without --resume, or into another folder.", "fit without Continue, or into another folder."),
         ("That is no edit; use `f4x undo SCENE`, or the button for it.", "That is no edit; press Ctrl-Z."),
         ("Nothing is selected; use Query.", "Nothing is selected; use Query."),

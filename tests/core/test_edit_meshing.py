@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from labelled_scene import labelled_scene
 from shapes import carried_sphere, plane, static_scene
 
 from f4x_core.edit.apply import edited
-from f4x_core.edit.meshing import Request
+from f4x_core.edit.meshing import MeshTask
 from f4x_core.edit.operations import Duplicate
 from f4x_core.edit.resolve import EditorState, resolve
 from f4x_core.edit.selects import Ids
@@ -28,8 +29,8 @@ class Blocked:
         if name.partition(".")[0] in {"torch", "rich", "scipy", "cv2", "av", "trimesh", "OpenEXR"}:
             raise ImportError(name)
 sys.meta_path.insert(0, Blocked())
-from f4x_core.edit.meshing import main
-sys.exit(main(sys.argv[1:]))
+from f4x_core.edit.meshing import MeshTask
+sys.exit(MeshTask.main(sys.argv[1:]))
 """
 
 
@@ -38,6 +39,13 @@ def run(*arguments, **options):
     command = [sys.executable, "-c", WITHOUT_PACKAGES, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, timeout=120, **options)
     return [json.loads(line) for line in done.stdout.splitlines()], done.returncode
+
+
+def task_file(folder: Path, edits: str, ids: np.ndarray, time: float | None) -> Path:
+    """Write the task of a mesh of the scene in a folder into a file."""
+    task = MeshTask(str(folder / "scene.f4x"), edits, ids.tolist(), time, asdict(CONFIG), str(folder / "made.npz"))
+    task.write(folder / "task.json")
+    return folder / "task.json"
 
 
 def assert_same(made: SplatMesh, expected: SplatMesh) -> None:
@@ -60,9 +68,7 @@ def test_a_child_without_any_package_makes_the_same_mesh(tmp_path, time):
     stack = EditStack().append(copy)
     changed = edited(with_stack(scene, stack))
     ids = changed.ids[np.isin(changed.ids, scene.dynamic.ids)]
-    request = Request(tmp_path / "scene.f4x", json.dumps(stack.to_json()), ids, time, CONFIG)
-    request.write(tmp_path / "request.npz")
-    lines, code = run(tmp_path / "request.npz", tmp_path / "made.npz", stdin=subprocess.DEVNULL)
+    lines, code = run(task_file(tmp_path, json.dumps(stack.to_json()), ids, time), stdin=subprocess.DEVNULL)
     expected = mesh_of(changed, np.isin(changed.ids, ids), time, CONFIG)
     assert code == 0 and lines[-1]["result"] == {"faces": len(expected.faces), "parts": 1}
     assert {"scene", "mesh"} <= {line.get("stage") for line in lines}
@@ -80,8 +86,7 @@ def test_what_stands_still_has_no_skin_in_a_file_either(tmp_path):
 
 def test_too_little_and_too_few_files_are_refused_in_a_sentence(tmp_path):
     write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    Request(tmp_path / "scene.f4x", "[]", np.arange(2), None, CONFIG).write(tmp_path / "request.npz")
-    lines, code = run(tmp_path / "request.npz", tmp_path / "made.npz", stdin=subprocess.DEVNULL)
+    lines, code = run(task_file(tmp_path, "[]", np.arange(2), None), stdin=subprocess.DEVNULL)
     assert code == 2 and "a surface needs" in lines[-1]["error"] and not (tmp_path / "made.npz").exists()
-    lines, code = run(tmp_path / "request.npz", stdin=subprocess.DEVNULL)
-    assert code == 2 and "name two files" in lines[-1]["error"]
+    lines, code = run(stdin=subprocess.DEVNULL)
+    assert code == 2 and "name one file" in lines[-1]["error"]

@@ -2,7 +2,7 @@
 
 import json
 import struct
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,7 @@ from shapes import CENTRE, RADIUS, box, carried_sphere, discs, sphere, static_sc
 
 from f4x_core.cli import main
 from f4x_core.edit.apply import open_scene
-from f4x_core.edit.meshing import Request
+from f4x_core.edit.meshing import MeshTask
 from f4x_core.edit.operations import Freeze, Transform
 from f4x_core.edit.selects import Moving
 from f4x_core.edit.stack import EditStack, write_stack
@@ -350,9 +350,9 @@ def test_what_to_do_about_edits_that_no_node_follows(scene_file, tmp_path, capsy
     ids = read_scene(scene_file).ids[read_scene(scene_file).moving]
     for operation, advice in ((move, "`f4x bake` the scene"), (freeze, "would leave these edits as they are: freeze")):
         stack = EditStack().append(operation)
-        request = Request(scene_file, json.dumps(stack.to_json()), ids, 0.0, COARSE)
+        task = MeshTask(str(scene_file), json.dumps(stack.to_json()), ids.tolist(), 0.0, asdict(COARSE), "")
         with pytest.raises(F4xError, match=advice):
-            request.made(silent)
+            task.made(silent)
     write_stack(scene_file, stack)
     code, result = f4x(capsys, "mesh", scene_file, "-o", tmp_path / "a.glb")
     assert code == 2 and "freeze; take them back first (`f4x undo`)" in result["error"]

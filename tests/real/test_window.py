@@ -19,9 +19,15 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 STEPS = (
     *("0_imported", "2_text", "3_queried", "4_recoloured", "5_undone", "6_redone", "7_saved", "8_pointed", "9_boxed"),
     *("9_box", "9_brush", "9_lasso", "9_sphere"),
-    *("10_rendering", "11_stopped", "12_back", "13_working", "14_cancelled"),
+    *("10_rendering", "11_stopped", "12_back", "13_working", "14_cancelled", "15_covered"),
 )
 TOOLS = ("box", "brush", "lasso", "sphere")
+
+
+def inner_part(box: list[float]) -> tuple[int, int, int, int]:
+    """Return the middle of a box, half as wide and high."""
+    left, top, right, bottom = map(int, box)
+    return (3 * left + right) // 4, (3 * top + bottom) // 4, (left + 3 * right) // 4, (top + 3 * bottom) // 4
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +84,8 @@ def test_render_and_job_are_stopped(window):
 def test_the_viewport_shows_what_was_done(window):
     """The square lies on a blue wall; it becomes redder, goes back, and stays where it is while pictures are rendered."""
     folder, steps = window
-    left, top, right, bottom = map(int, steps["queried"]["thing"])
-    inner = ((3 * left + right) // 4, (3 * top + bottom) // 4, (left + 3 * right) // 4, (top + 3 * bottom) // 4)
+    _, top, right, bottom = map(int, steps["queried"]["thing"])
+    inner = inner_part(steps["queried"]["thing"])
     beside = (right + 60, top, right + 100, bottom)
 
     def median(name: str, part: tuple[int, int, int, int]) -> list[int]:
@@ -93,6 +99,18 @@ def test_the_viewport_shows_what_was_done(window):
     for name in STEPS[1:9]:
         red, _, blue = median(name, beside)
         assert blue > 150 > 2 * red, name
+
+
+def test_a_mesh_in_front_hides_the_pink_points_of_the_selection(window):
+    """The square is red, the mesh gray and the handles of the sphere orange: only pink has more blue than green."""
+    folder, steps = window
+    inner = inner_part(steps["queried"]["thing"])
+    more_blue = {}
+    for name in ("9_sphere", "15_covered"):
+        pixels = np.asarray(Image.open(folder / f"{name}.png").convert("RGB").crop(inner), int)
+        more_blue[name] = (pixels[..., 2] - pixels[..., 1]).max()
+    assert steps["covered"]["selected"] > 0
+    assert more_blue["9_sphere"] > 30 and more_blue["15_covered"] < 5, more_blue
 
 
 def test_the_graphics_card_draws_the_viewport(window):
