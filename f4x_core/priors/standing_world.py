@@ -153,7 +153,7 @@ def slope(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
 
     `down (3,)` in the world.
     """
-    local = (pixels - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]]
+    local = camera.on_plane(pixels)
     x, y, z = camera.world_to_camera[:3, :3] @ down
     return local[..., 0] * x + local[..., 1] * y + z
 
