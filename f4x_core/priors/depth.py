@@ -287,7 +287,7 @@ def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarra
 
 
 def ground_prior(cameras: CameraPath) -> np.ndarray:
-    """Return the inverse depth `(F, H, W)` of a world that is near below and farther above, the same from every direction of view.
+    """Return the inverse depth `(F, H, W)` of a made-up world: ground below the camera, a far sphere above its horizon.
 
     Inverse distance is `0.7 + s`, s that of `below_horizon`.
     """

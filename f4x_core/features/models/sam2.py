@@ -164,7 +164,7 @@ class Sam2MaskDecoder:
         return self._logits(shown[t])
 
     def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
+        """Yield every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
         if not self._prompts:
             raise F4xError("Nothing is prompted yet: give points, a box or a mask on some frame first.")
         start = min(self._prompts)
