@@ -60,7 +60,7 @@ def find_compiler(target: str | None = None) -> list[str] | None:
 
 
 def compile_command(compiler: list[str], output: Path, inputs: Sequence[Path] = SOURCES) -> list[str]:
-    """Return the whole command line that turns `SOURCES`, or the objects of all of them, into the library `output`."""
+    """The whole command line that turns `SOURCES`, or the objects of all of them, into the library `output`."""
     names = [str(path) for path in inputs]
     if Path(compiler[0]).stem.lower() == "cl":
         return [*compiler, "/nologo", "/std:c++17", "/O2", "/EHsc", "/LD", *names, f"/Fe:{output}"]
@@ -90,7 +90,7 @@ def run_compiler(command: list[str], folder: Path, output: Path) -> None:
 
 @lru_cache
 def zig_version() -> str:
-    """Return the version of the package ziglang. Raises F4xError where it is not installed."""
+    """The version of the package ziglang. Raises F4xError where it is not installed."""
     if find_spec("ziglang") is None:
         raise F4xError("Only the package ziglang compiles for other platforms: `pip install ziglang`.")
     version = [sys.executable, "-m", "ziglang", "version"]
