@@ -277,7 +277,7 @@ STUDIES = (
 
 
 def choose(names: Sequence[str] | None) -> list[Study]:
-    """The studies that `--only` names, by their own name or their section's; all for None.
+    """Return the studies that `--only` names, by their own name or their section's; all for None.
 
     Raises:
         F4xError: a name is neither.

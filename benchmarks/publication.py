@@ -63,7 +63,7 @@ def publish(page: Path, results: Path, report: Path | None = None) -> None:
 
 
 def fill_figures(text: str, results: Path) -> str:
-    """A document with every measured figure as the cell that its link names has it.
+    """Return a document in which every measured figure is the one in the cell that its link names.
 
     Raises:
         F4xError: there is no such cell, or several.
@@ -99,7 +99,7 @@ def find_cell(results: Path, study: str, address: str) -> Any:
 
 
 def results_page(folder: Path) -> str:
-    """The page of the studies in `folder`, in the order of the catalogue; others follow by name within their part."""
+    """Return the page of the studies in `folder`, in the order of the catalogue; others follow by name within their part."""
     order = names_of(STUDIES)
     records = {file.stem: read_json(file) for file in folder.glob("*.json")}
     names = sorted(records, key=lambda name: (order.index(name) if name in order else len(order), name))

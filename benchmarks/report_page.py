@@ -65,7 +65,7 @@ def as_markdown(studies: Iterable[Record], level: int = 3, machines: bool = Fals
 
 
 def format_value(value: Any) -> str:
-    """A cell: four significant digits, a dash for nothing."""
+    """Return a cell: four significant digits, a dash for nothing."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -150,7 +150,7 @@ def _markdown_table(table: Record, study: str) -> str:
 
 
 def _with_spans(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row with `X low (unit)` and `X high (unit)` in brackets behind `X (unit)`, where they differ."""
+    """Return the row with `X low (unit)` and `X high (unit)` in brackets behind `X (unit)`, where they differ."""
     shown = dict(row)
     for column in row:
         low, high = span_columns(column)

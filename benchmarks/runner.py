@@ -55,7 +55,7 @@ def run_studies(
 
 
 def gather(folder: Path) -> dict[str, Any]:
-    """All studies that a folder holds, in the order of the catalogue; also written as `report.json`."""
+    """Return all studies that a folder holds, in the order of the catalogue; also written as `report.json`."""
     found = {study.name: folder / study.name / STUDY_FILE for study in STUDIES}
     studies = {name: read_json(file) for name, file in found.items() if file.is_file()}
     report = {"machine": describe_machine(), "source": digest_source(), "studies": studies}

@@ -104,7 +104,7 @@ class Study:
     """Too long for `--quick`."""
 
     def function(self) -> Callable[[Context], Findings]:
-        """The function that measures."""
+        """Return the function that measures."""
         module, _, name = self.measure.partition(":")
         return getattr(import_module(module, __package__), name)
 

@@ -75,7 +75,7 @@ def apply_threshold(scene_object: SceneObject) -> None:
 
 
 def choose(scene_object: SceneObject, chosen: np.ndarray) -> None:
-    """Select exactly the Gaussians `chosen (N,) bool`, without scores and threshold: bars and heat map are those of no query."""
+    """Select exactly the Gaussians `chosen (N,) bool`; scores, threshold, histogram and heat map of the last query are put away."""
     state = scene_object.state
     state.live, state.called, state.histogram = False, "", ""
     if state.show_score:

@@ -47,7 +47,7 @@ def core_command(interpreter: Path | str, verb: str, *arguments: Path | str) -> 
 
 
 def own_command(module: str, *arguments: Path | str, interpreter: str | None = None) -> list[str]:
-    """Return the command line of a module of the core that needs numpy alone: for Blender's own Python where none is named."""
+    """Return the command line that runs a module of the core; without `interpreter` Blender's own Python does, on numpy alone."""
     return [interpreter or sys.executable, "-m", f"f4x_core.{module}", *map(str, arguments)]
 
 

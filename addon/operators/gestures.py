@@ -226,7 +226,7 @@ class F4X_OT_select_brush(_Path, bpy.types.Operator):  # noqa: N801
         return True
 
     def lines(self):
-        """Return the way of the mouse, and the brush at its end."""
+        """Return the lines to draw: the path of the mouse, and the circle of the brush at its end."""
         places = self._places()
         return [[*places, *places[::-1]], _circle(places[-1], self.radius)]
 

@@ -187,7 +187,7 @@ class F4X_OT_collider(Reporting, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_PT_mesh(bpy.types.Panel):  # noqa: N801
-    """The mesh of a selection, and what it does."""
+    """Makes a mesh of a selection, and sets its shadow, holdout and collision."""
 
     bl_label = "Mesh"
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY

@@ -69,7 +69,7 @@ def set_up(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, engine: str) -> b
 
 
 def synchronize(scene: bpy.types.Scene) -> None:
-    """Give the scene for meshes the camera, size, frames, collections and world of the first one, as they are now."""
+    """Copy the camera, picture size, frames, collections and world of `scene` to the scene that renders its meshes."""
     other = scene.get(MESHES)
     if other is None:
         return

@@ -151,7 +151,7 @@ def _layers(owner: bpy.types.Object, data: bpy.types.PointCloud, more: More) -> 
 def _visible(
     depsgraph: bpy.types.Depsgraph, view: bpy.types.SpaceView3D | None
 ) -> Iterator[tuple[bpy.types.DepsgraphObjectInstance, bpy.types.Object, bpy.types.Object]]:
-    """(instance, its evaluated object, the object that owns it) of all point clouds and surfaces that a picture shows.
+    """Yield (instance, its evaluated object, the object that owns it) of all point clouds and surfaces that a picture shows.
 
     `view` is the viewport that looks, where one does: it may hide objects of its own.
     """

@@ -93,7 +93,7 @@ class _CarriedCloud:
         return self._now
 
     def rows_of(self, data: bpy.types.PointCloud) -> np.ndarray | slice | None:
-        """Return the rows of dynamic Gaussians that evaluated points are; None if some are none."""
+        """Return which dynamic Gaussians the evaluated points are, by `gid`; None if a point is none of them."""
         gid = read_attribute(data, "gid")
         if gid is None or np.array_equal(gid, self._ids):
             return None if gid is None else slice(None)
@@ -156,7 +156,7 @@ def _switch_on(item: bpy.types.Object) -> None:
 
 
 def look() -> float:
-    """Switch modifiers off or on, as the viewports want it. Returns the seconds until the next look."""
+    """Switch motion modifiers off while the core poses Gaussians for viewports, else on; returns seconds until the next call."""
     wanted = _is_moving() and not _is_selecting() and _may_carry()
     if not wanted:
         switch_on()

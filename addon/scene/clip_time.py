@@ -233,7 +233,7 @@ def drive_background(root: bpy.types.Object, camera: bpy.types.Camera, images: N
 
 
 def retarget(root: bpy.types.Object, original: bpy.types.Object) -> None:
-    """Let what is below a copied root follow its Time, not that of the original."""
+    """Let the objects below a copied root follow the Time of the copy instead of the original's."""
     for item in root.children_recursive:
         if item.type == "CAMERA" and item.data.users > 1:  # the clip behind it has a time of its own
             item.data = item.data.copy()

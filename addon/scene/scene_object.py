@@ -320,7 +320,7 @@ class SceneObject:
         return sorted(clouds, key=lambda item: APART in item)
 
     def points(self) -> Iterator[tuple[bpy.types.Object, np.ndarray, np.ndarray]]:
-        """(cloud, points (m,), Gaussians (m,)): which points of a cloud are which rows of the shown scene's `posed`."""
+        """Yield (cloud, points (m,), Gaussians (m,)): which points of a cloud are which rows of the shown scene's `posed`."""
         display = self.shown
         for cloud in self.clouds:
             row, known = display.rows_of(read_attribute(cloud.data, "gid"))

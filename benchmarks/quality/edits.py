@@ -106,7 +106,7 @@ def prompted(
 
 
 def innermost(mask: np.ndarray) -> tuple[float, float]:
-    """(x, y) in pixels of a place that lies as deep inside bool `mask (H,W)` as any: what a person would click."""
+    """Return (x, y) in pixels of a place that lies as deep inside bool `mask (H,W)` as any: what a person would click."""
     inside = mask
     while (smaller := ~dilate(~inside)).any():
         inside = smaller

@@ -62,5 +62,5 @@ def score_edits(
 
 
 def _whole(scene: Scene, scores: np.ndarray, label: str) -> Selection:
-    """A selection of all times."""
+    """Return a selection of all times."""
     return Selection(scene.ids, np.asarray(scores, float), np.zeros(len(scene.ids), bool), THRESHOLD, None, label)

@@ -60,7 +60,7 @@ def masked_ssim(image: np.ndarray, target: np.ndarray, mask: np.ndarray) -> floa
 
 
 def score_confusion(confusion: np.ndarray) -> tuple[float, float]:
-    """(mIoU, accuracy) of counts (L, L or more): true label, found label; a column from L on is no label.
+    """Return (mIoU, accuracy) of counts (L, L or more): true label, found label; a column from L on is no label.
 
     The mean is over labels that are true or found somewhere.
     """

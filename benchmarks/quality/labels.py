@@ -59,7 +59,7 @@ def score_labels(
 
 
 def _score(scene: Scene, query: TextQuery, selection: Selection, view: View) -> dict[str, float]:
-    """The figures of one view, over its known pixels."""
+    """Return the figures of one view, over its known pixels."""
     camera, time, subject, known = view
     truth = subject[known]
     best = text_score_map(scene, query, camera, time)
@@ -76,13 +76,13 @@ def _score(scene: Scene, query: TextQuery, selection: Selection, view: View) -> 
 
 
 def original_views(scene: Scene, clip: TrueClip) -> Iterator[View]:
-    """The clip's own views."""
+    """Yield the clip's own views."""
     for frame, time in enumerate(scene.cameras.times):
         yield scene.cameras[frame], float(time), *_true_subject(scene, clip, clip.folder / "truth", frame)
 
 
 def novel_views(scene: Scene, clip: TrueClip) -> Iterator[View]:
-    """The extra cameras' views; without passes of theirs, the truth is what the clip's frames saw (`subject_from`)."""
+    """Yield the extra cameras' views; without passes of theirs, the truth is what the clip's frames saw (`subject_from`)."""
     size = scene.cameras.width, scene.cameras.height
     seen = None
     for extra in clip.extras:
@@ -99,14 +99,14 @@ def novel_views(scene: Scene, clip: TrueClip) -> Iterator[View]:
 
 
 def _true_subject(scene: Scene, clip: TrueClip, passes: Path, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """(H,W) bool where the object index says that the subject is, at the scene's size, and that all of it is known."""
+    """Return (H,W) bool where the object index says that the subject is, at the scene's size, and that all of it is known."""
     index = read_passes(passes / f"{frame:05d}.exr")["Object Index"]
     subject = resize_nearest(np.isin(index.round(), clip.moving_index), scene.cameras.width, scene.cameras.height)
     return subject, np.ones_like(subject)
 
 
 def subject_from(seen: SeenSurface, camera: Camera, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """(H,W) bool where `camera` of the true world sees what moves at `frame`, and (H,W) bool where a seen surface tells.
+    """Return (H,W) bool where `camera` of the true world sees what moves at `frame`, and (H,W) bool where a seen surface tells.
 
     Nearest of the true points that fall onto a pixel; gaps of single pixels between them are closed.
     """
@@ -119,7 +119,7 @@ def subject_from(seen: SeenSurface, camera: Camera, frame: int) -> tuple[np.ndar
 
 
 def _nearest(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """(H,W) depth of the nearest of `points (P,3)` on each pixel, infinite where there is none."""
+    """Return (H,W) depth of the nearest of `points (P,3)` on each pixel, infinite where there is none."""
     pixels, depth = camera.project(points)
     column, row = np.floor(pixels).astype(int).T
     inside = (depth > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)

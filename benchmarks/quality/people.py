@@ -119,7 +119,7 @@ class _Pose:
         return cls(true[:, :2] / scale, depth / height, true[:, 2] > 0, joints[:, :2] / scale, metres[:, 2])
 
     def distances(self, joints: list[int]) -> np.ndarray:
-        """(n,) heights from the true `joints` to the found ones, of those that nothing hides."""
+        """Return (n,) heights from the true `joints` to the found ones, of those that nothing hides."""
         which = np.array(joints)[self.seen[joints]]
         return np.linalg.norm(self.pixels[which] - self.true_pixels[which], axis=1)
 

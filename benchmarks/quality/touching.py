@@ -56,7 +56,7 @@ class Plain(Body):
 
     @classmethod
     def of(cls, body: Body) -> Plain:
-        """The body with such a look."""
+        """Return the body with such a look."""
         return cls(body.label, body.xyz, body.triangles, body.look, body.motion)
 
 
@@ -67,7 +67,7 @@ def drive(xyz: np.ndarray, phase: float, *, shift: np.ndarray, turn: np.ndarray,
 
 
 def touching_world(kind: str, seed: int) -> World:
-    """The world of that kind (of `SCENES`); the seed decides places, sizes, ways and looks."""
+    """Return the world of a kind (of `SCENES`); the seed decides places, sizes, motions and colours."""
     random = np.random.default_rng([seed, SCENES.index(kind)])
     looks = iter(random.permutation(900) + 50)
     back = sheet("wall", Rectangle((-1.3, -0.8, 1.3), (2.6, 0, 0), (0, 1.25, 0)), int(next(looks)), spacing=0.02)
@@ -125,7 +125,7 @@ def touching_world(kind: str, seed: int) -> World:
 
 
 def true_scene(world: World) -> tuple[Scene, np.ndarray]:
-    """The scene that has a Gaussian at every point of the world's surfaces, and the label (N,) int of each."""
+    """Return the scene that has a Gaussian at every point of the world's surfaces, and the label (N,) int of each."""
     order = sorted(range(len(world.bodies)), key=lambda i: world.bodies[i].motion is not None)
     bodies = [world.bodies[i] for i in order]
     still, movers = ([body for body in bodies if (body.motion is not None) == moves] for moves in (False, True))
@@ -223,7 +223,7 @@ def drawn_things(world: World, scene: Scene, labels: np.ndarray) -> dict[int, di
 
 
 def clicks(scene: Scene, truth: dict[int, dict[str, np.ndarray]]) -> Iterator[tuple[str, int, float]]:
-    """(thing, clicked frame, mean IoU over `JUDGED`) of one click at the innermost pixel of every thing."""
+    """Yield (thing, clicked frame, mean IoU over `JUDGED`) of one click at the innermost pixel of every thing."""
     for frame in CLICKED:
         for label, mask in truth[frame].items():
             deep = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
@@ -240,7 +240,7 @@ def clicks(scene: Scene, truth: dict[int, dict[str, np.ndarray]]) -> Iterator[tu
 
 
 def score_clicks(seeds: int, progress: Progress = silent) -> list[dict[str, Any]]:
-    """A row for each kind of scene: `scene`, number of `clicks`, mean `IoU` and `worst IoU`, over so many odd seeds."""
+    """Return a row for each kind of scene: `scene`, number of `clicks`, mean `IoU` and `worst IoU`, over so many odd seeds."""
     rows = []
     for number, kind in enumerate(SCENES):
         found = []

@@ -26,7 +26,7 @@ class Size:
     """Optimiser steps of the profile."""
 
     def terms(self, kind: str) -> list[float]:
-        """The factors of the coefficients for a kind of task."""
+        """Return the factors of the coefficients for a kind of task."""
         per_step = [self.steps / 1000, self.steps / 1000 * self.megapixels] if kind == "fit" else []
         return [1.0, self.frames * self.megapixels, *per_step]
 

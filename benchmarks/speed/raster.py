@@ -270,7 +270,7 @@ VIEW = ("means", "quats", "scales", "opacities", "colors", "K", "viewmat", "widt
 
 
 def view_of(scene: Mapping[str, Any]) -> tuple[Splats, Any, Camera]:
-    """The first three arguments of `rasterize` for a scene of named arrays, as `make_wavy_scene` returns it."""
+    """Return the first three arguments of `rasterize` for a scene of named arrays, as `make_wavy_scene` returns it."""
     splats = Splats(scene["means"], scene["quats"], scene["scales"], scene["opacities"])
     return splats, scene["colors"], Camera(scene["K"], scene["viewmat"], scene["width"], scene["height"])
 
@@ -285,7 +285,7 @@ def draw(**given: Any) -> RasterOutput:
 
 
 def draw_with(backend: str, config: RasterConfig | None = None) -> Draw:
-    """The drawing of `rasterize` by a backend."""
+    """Return the drawing of `rasterize` by a backend."""
     return lambda **scene: draw(**scene, backend=backend, config=config).channels
 
 
@@ -309,7 +309,7 @@ def passes(scene: dict[str, Any], draw: Draw) -> tuple[Callable[[], object], Cal
 
 
 def count_pairs(scene: dict[str, Any]) -> int:
-    """(pixel, Gaussian) pairs that contribute to the picture of a `scene`. The native library must be there."""
+    """Count the (pixel, Gaussian) pairs that contribute to the picture of a `scene`. The native library must be there."""
     from f4x_core.raster.native import library as native
 
     library, reason = native.open_library()

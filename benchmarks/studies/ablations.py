@@ -197,7 +197,7 @@ class LinearScene(Scene):
 
 
 def spoil(priors: Priors, seed: int) -> Priors:
-    """The priors with jitter, gaps and wrong depth, as real ones have."""
+    """Return the priors with jitter, gaps and wrong depth, as real ones have."""
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.depth is not None
     rng = np.random.default_rng(seed)
     blobs = gaussian_filter(rng.normal(size=priors.depth.shape), (0, DEPTH_BLOBS, DEPTH_BLOBS))
@@ -274,7 +274,7 @@ def _words(rows: Sequence[Row], doubts: Sequence[float]) -> list[str]:
 
 
 def _joint_rows(context: Context) -> list[Row]:
-    """The two ways of training features with pictures."""
+    """Train features with pictures in both ways, and return a row of each."""
     world = toy_world(context, WORLDS[0])
     maps = world_maps(world, context.folder / "maps", DIM)
     rows = []

@@ -272,12 +272,12 @@ def _measure(verb: Sequence[str], context: Context) -> Row:
 
 
 def _figures(measured: dict[str, Any]) -> Row:
-    """The single numbers of a verb's result."""
+    """Return the single numbers of a verb's result."""
     return {name: value for name, value in measured.items() if isinstance(value, (int, float))}
 
 
 def _named(measured: Row, figures: Mapping[str, str]) -> Row:
-    """The figures under the names of a reader."""
+    """Return the figures under the names of a reader."""
     last = measured.get("frames", 0) - 1
     return {column: measured.get(name.format(last=last)) for column, name in figures.items()}
 

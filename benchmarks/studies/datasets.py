@@ -83,7 +83,7 @@ def _theirs(ours: Sequence[Row]) -> list[Row]:
 
 
 def _mean_row(rows: Sequence[Row]) -> list[Row]:
-    """Mean of our scenes where there are several."""
+    """Return the mean of our scenes where there are several."""
     if len(rows) < 2:
         return []
     numbers = [name for name, value in rows[0].items() if isinstance(value, float)]
@@ -93,7 +93,7 @@ def _mean_row(rows: Sequence[Row]) -> list[Row]:
 
 
 def _mean_word(rows: Sequence[Row]) -> list[str]:
-    """A sentence of the mean over all measured scenes."""
+    """Return a sentence of the mean over all measured scenes."""
     mean = [row["mPSNR (dB)"] for row in rows]
     return [f"{len(mean)} scenes: mean mPSNR {statistics.fmean(mean):.2f} dB."] if mean else []
 

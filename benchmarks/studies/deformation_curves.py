@@ -240,7 +240,7 @@ def difference(found: Poses, truth: Poses) -> tuple[float, float]:
 
 
 def measure_rotations(context: Context) -> Findings:
-    """A Gaussian between a node at rest and one that turns by 0 to 359 degrees."""
+    """Measure a Gaussian between a node at rest and one that turns by 0 to 359 degrees."""
     angles = context.choose(*ANGLES)
     fractions = context.choose((0.25,), (0.25, 0.5))
     count = context.choose(64, 1000)

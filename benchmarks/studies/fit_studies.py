@@ -123,7 +123,7 @@ def _seeds(context: Context, config: FitConfig) -> int:
 
 
 def _with_error(row: Row) -> Row:
-    """The row with the root mean square error of novel views (colours in 0..1), for logarithmic plots."""
+    """Return the row with the root mean square error of novel views (colours in 0..1), for logarithmic plots."""
     ends = {"novel error (rms)": "novel (dB)", "novel error low (rms)": "novel high (dB)"}
     ends |= {"novel error high (rms)": "novel low (dB)"}
     return row | {column: 10 ** (-row[source] / 20) for column, source in ends.items()}

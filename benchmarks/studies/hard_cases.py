@@ -100,7 +100,7 @@ class Case:
     check: Callable[[], Iterable[Check]]
 
     def outcome(self, checks: Iterable[Check]) -> Outcome:
-        """The worst of its checks."""
+        """Return the worst of its checks."""
         return max((check.outcome for check in checks), key=OUTCOMES.index, default="wrong")
 
 
@@ -113,7 +113,7 @@ def run_case(case: Case) -> list[Check]:
 
 
 def load_cases(folder: Path) -> list[Case]:
-    """Every case of a catalogue folder, by stage, then name.
+    """Return every case of a catalogue folder, by stage, then name.
 
     Raises:
         F4xError: a file that is not laid out as a case.

@@ -69,7 +69,7 @@ class Kernel:
 
 
 def measure_kernels(context: Context) -> Findings:
-    """Every kernel's time beside the peaks of the same rounds."""
+    """Time every kernel beside the machine's peaks in the same rounds."""
     if open_library()[0] is None or raster.open_library()[0] is None:
         raise MissingError(f"no compiled kernels ({raster.open_library()[1]}); `f4x doctor` says what they need.")
     count, width, height, many = context.choose(*SIZES)
@@ -157,7 +157,7 @@ def _raster_kernels(count: int, width: int, height: int, channels: Sequence[int]
 
 
 def _deformation_kernels(count: int, seed: int, pairs: int = 1000, slots: int = 8) -> Iterable[Kernel]:
-    """A frame's poses, and a step of the fit forward and backward."""
+    """Time a frame's poses, and a step of the fit forward and backward."""
     rng = np.random.default_rng(seed)
 
     def turns(*shape: int) -> np.ndarray:
@@ -230,7 +230,7 @@ def _colour_kernels(count: int, seed: int) -> Iterable[Kernel]:
 
 
 def _similarity_kernels(width: int, height: int, seed: int) -> Iterable[Kernel]:
-    """The picture loss with its gradient, most of which is SSIM."""
+    """Time the picture loss with its gradient, most of which is SSIM."""
     generator = torch.Generator().manual_seed(seed)
     image, target = torch.rand(2, height, width, 3, generator=generator)
     weight = torch.ones(height, width)

@@ -113,7 +113,7 @@ def study_widths(context: Context) -> Findings:
 
 
 def _compared(rows: list[Row], draw: str) -> list[Row]:
-    """The rows with their times over those of `CHOICE`, which tell the same on any machine."""
+    """Return the rows with their times over those of `CHOICE`, which tell the same on any machine."""
     one = next(row for row in rows if row["width"] == CHOICE)
     ratios = {TRAIN: "train (s)", DISTIL: "distil (s)", DRAW: draw}
     return [
@@ -125,7 +125,7 @@ def _compared(rows: list[Row], draw: str) -> list[Row]:
 
 
 def fitted_scene(context: Context, world: World) -> tuple[Scene, float]:
-    """The world's scene without features, fitted once for the study, and the seconds that it took."""
+    """Return the world's scene without features, fitted once for the study, and the seconds that it took."""
     file = context.folder / "plain.f4x"
 
     def work() -> float:
@@ -222,7 +222,7 @@ def _label(world: World, views: Views, first: np.ndarray, way: Way) -> Row:
 
 
 def _follow(world: World, views: Views, way: Way) -> Row:
-    """The mover's mask on the first novel view carried to the others."""
+    """Return the mover's mask on the first novel view carried to the others."""
     mover = world.labels.index(MOVER)
     follower = FeaturePropagation(lambda t: way(*views[t][:2]), len(views), (world.height, world.width))
     start = time.perf_counter()

@@ -105,7 +105,7 @@ def measure_mutations(context: Context) -> Findings:
 
 
 def findings_of(results: Sequence[Row]) -> Findings:
-    """The tables of what `try_room` returned for some rooms."""
+    """Return the tables of what `try_room` returned for some rooms."""
     survivors = [
         about_survivor(result["room"], Mutant(**mutant)) for result in results for mutant in result["survivors"]
     ]
@@ -132,7 +132,7 @@ def findings_of(results: Sequence[Row]) -> Findings:
 
 
 def about_survivor(room: str, mutant: Mutant) -> Row:
-    """The row of a mutant that survived; `kind` and `reason` are empty where it matters."""
+    """Return the row of a mutant that survived; `kind` and `reason` are empty where it matters."""
     known = {(row["file"], row["before"], row["after"]): row for row in accepted()}
     row = known.get((mutant.file, mutant.before, mutant.after), {"kind": "", "reason": ""})
     rule = rule_of(mutant)
@@ -142,7 +142,7 @@ def about_survivor(room: str, mutant: Mutant) -> Row:
 
 
 def rule_of(mutant: Mutant) -> Rule | None:
-    """The first rule whose kind of change is all that the mutant changes."""
+    """Return the first rule whose kind of change is all that the mutant changes."""
     line = mutant.before
     for rule in RULES:
         for match in re.finditer(rule.before, line):
@@ -185,7 +185,7 @@ def try_room(room: str, count: int, seed: int, root: Path = ROOT) -> dict[str, A
 
 
 def copy_source(root: Path, place: Path) -> Path:
-    """A copy of the checkout below `place`, where mutmut may write."""
+    """Return a copy of the checkout below `place`, where mutmut may write."""
     copy = place / "source"
     copy.mkdir()
     for name in COPIED:
@@ -213,7 +213,7 @@ def configure(copy: Path, room: str) -> None:
 
 
 def arithmetic_mutants(copy: Path, room: str) -> list[Mutant]:
-    """All mutants of a room that change arithmetic, in the order of files and functions; mutmut keeps them in the copy."""
+    """Return all mutants of a room that change arithmetic, in the order of files and functions; mutmut keeps them in the copy."""
     steps = "makedirs('mutants'); copy_src_dir(); copy_also_copy_files(); create_mutants(cpu_count())"
     script = f"from os import cpu_count; from mutmut.__main__ import *; {steps}"  # what `mutmut run` begins with
     done = subprocess.run([sys.executable, "-c", script], cwd=copy, capture_output=True, text=True, check=False)
@@ -236,7 +236,7 @@ def arithmetic_mutants(copy: Path, room: str) -> list[Mutant]:
 
 
 def arithmetic_change(before: str, after: str) -> tuple[str, str] | None:
-    """The line of a function that differs, without indents; None where more differs than numbers and operators.
+    """Return the line of a function that differs, without indents; None where more differs than numbers and operators.
 
     Args:
         before: source of the function as mutmut copies it.

@@ -98,7 +98,7 @@ class Subject:
     """Priors that mark a static object as moving; None if there is no such object."""
 
     def judge(self, choice: str, row: Row) -> str:
-        """The column that judges a choice."""
+        """Return the column that judges a choice."""
         return (
             self.moving_error if choice in (SCAFFOLD, NODES) and row.get(self.moving_error) is not None else self.error
         )
@@ -233,7 +233,7 @@ class _Found:
         self.knees.append(knee | {"verdict": judge_knee(changes.get("smaller"), changes.get("larger"), KNEE[unit])})
 
     def findings(self, note: str) -> Findings:
-        """The tables, a plot for each choice, and what they say."""
+        """Return the tables, a plot for each choice, and what they say."""
         verdicts = [row["verdict"] for row in self.knees]
         least = [row for row in self.knees if row["verdict"] == SMALLER_DOES and _is_minimum(row)]
         words = [
@@ -314,7 +314,7 @@ def _neighbours(choice: str, chosen: Row, base: FitConfig, subject: Subject) -> 
 
 
 def judge_knee(loses: Sequence[float] | None, gains: Sequence[float] | None, knee: float) -> str:
-    """The verdict, from what each seed's next smaller choice loses and next larger one gains; None where there is none."""
+    """Return the verdict, from what each seed's next smaller choice loses and next larger one gains; None where there is none."""
     count = len(loses or gains or ())
 
     def verdict(lost: float | None, gained: float | None) -> str:
@@ -352,7 +352,7 @@ def _fit_world(world: World, config: FitConfig, priors: Priors | None) -> tuple[
 
 
 def _pretend_moving(world: World) -> Priors | None:
-    """The true priors, but a thing that stands still is called moving; None where it is not there or something moves."""
+    """Return the true priors, but a thing that stands still is called moving; None where it is not there or something moves."""
     if world.moving.any() or PRETENDED not in world.labels:
         return None
     label, used = world.labels.index(PRETENDED), world.clip.supervised

@@ -48,7 +48,7 @@ def make_curves(frames: int, count: int, seed: int) -> np.ndarray:
 
 
 def measure_neighbours(context: Context) -> Findings:
-    """The node that each Gaussian follows, and the spacing of nodes."""
+    """Measure cheaper searches for a Gaussian's nearest node and for the spacing of nodes: errors against time."""
     frames, nodes, points = context.choose(*SIZES)
     about = {"frames": frames, "nodes": nodes, "points": points}
     attach = context.step("attach", partial(_attach_rows, frames, nodes, points, context), **about)
@@ -213,6 +213,6 @@ def _curve_rows(frames: int, nodes: int, context: Context) -> list[Row]:
 
 
 def _edges(distance: np.ndarray) -> Sequence[set[int]]:
-    """The neighbours of every node."""
+    """Return the neighbours of every node."""
     neighbours, _ = build_graph(distance, GraphConfig().neighbours, np.inf)
     return [set(row[1:].tolist()) for row in neighbours]

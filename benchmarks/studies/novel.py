@@ -89,7 +89,7 @@ def read_keypoints(clip: Clip) -> dict[int, np.ndarray]:
 
 
 def _folder_and_frames(clip: Clip) -> tuple[Path, np.ndarray]:
-    """The folder of a clip, and which of its frames the clip took."""
+    """Return the folder of a clip, and which of its frames the clip took."""
     folder = Path(clip.source).absolute()
     if folder.is_file():
         return folder.parent, np.zeros(0, int)

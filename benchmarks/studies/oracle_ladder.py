@@ -208,7 +208,7 @@ def fit_priors(clip: Clip, priors: Priors, config: FitConfig) -> Scene:
 
 
 def _array(values: np.ndarray | None) -> np.ndarray:
-    """A prior that complete priors have."""
+    """Return a prior that complete priors have."""
     assert values is not None
     return values
 

@@ -41,7 +41,7 @@ class Peer:
 
 
 def find_peers() -> tuple[list[Peer], list[str]]:
-    """The peers that can be measured here, and one sentence for each that can't."""
+    """Return the peers that can be measured here, and one sentence for each that can't."""
     peers: list[Peer] = []
     absent = []
     try:
@@ -76,7 +76,7 @@ def _is_there(module: str) -> bool:
 
 
 def prepare_gsplat(reference: ModuleType, scene: dict[str, Any], config: RasterConfig) -> Draw:
-    """The drawing of gsplat's torch `reference` (`gsplat/cuda/_torch_impl.py`): its projection, its `accumulate`.
+    """Return the drawing of gsplat's torch `reference` (`gsplat/cuda/_torch_impl.py`): its projection, its `accumulate`.
 
     Its list of (pixel, splat) pairs is made by a CUDA kernel: it is given ours, made here, once, from its own projection.
     `accumulate` asks nerfacc for two functions, one of which wants a CUDA device: it is given both in torch.

@@ -93,7 +93,7 @@ def scenes_of(context: Context, name: str, pattern: str) -> list[Path]:
 
 
 def read_scene_clip(context: Context, folder: Path, protocol: Protocol) -> Clip:
-    """The training frames at the size at which the protocol measures; small and few in a quick report."""
+    """Return the training frames at the size at which the protocol measures; small and few in a quick report."""
     if context.quick:
         count = min(len(find_layout(folder).images), QUICK_FRAMES)
         return read_clip(folder, f"0:{count}", QUICK_WIDTH)
@@ -101,13 +101,13 @@ def read_scene_clip(context: Context, folder: Path, protocol: Protocol) -> Clip:
 
 
 def fit_config(context: Context, name: str) -> FitConfig:
-    """The profile called `name`; in a quick report the quick one, shortened."""
+    """Return the profile called `name`; in a quick report the quick one, shortened."""
     full = replace(profile(name), threads=context.threads, seed=context.seed)
     return context.choose(base_config(context), full)
 
 
 def fit_scene(context: Context, clip: Clip, config: FitConfig, known_cameras: bool = False) -> tuple[Scene, Row]:
-    """The scene of `clip`, fitted now or in an earlier run of the report, and what it cost."""
+    """Return the scene of `clip`, fitted now or in an earlier run of the report, and what it cost."""
     file = context.folder / f"{clip.name}.f4x"
 
     def work() -> Row:
@@ -130,7 +130,7 @@ def sizes_of(scene: Scene) -> Row:
 
 
 def place_cameras(scene: Scene, clip: Clip, novel: NovelCamera) -> list[Camera]:
-    """The views of `novel` as cameras of the scene's world, before any of them is moved to match.
+    """Return the views of `novel` as cameras of the scene's world, before any of them is moved to match.
 
     A camera that took a frame of the clip is where the fit says that it was; others go along when the data set's cameras
     of the clip are laid over the fitted ones.
@@ -194,7 +194,7 @@ def _where_run(name: str, value: float | None) -> Row:
 
 
 def measure_views(context: Context, clip: Clip, scene: Scene, protocol: Protocol) -> Row:
-    """The protocol's figures of every other camera, matched (also `as placed`: before its cameras were moved)."""
+    """Return the protocol's figures of every other camera, matched (also `as placed`: before its cameras were moved)."""
     novel = read_novel_cameras(clip)
     if not novel:
         raise F4xError(f"{clip.source} has no pictures of another camera; docs/datasets.md says where they lie.")

@@ -115,7 +115,7 @@ class Way:
 
 
 def find_ways(threads: int) -> tuple[list[Way], list[str]]:
-    """All ways to draw on this machine, the reference first, peers last, and what is missing, with the reason."""
+    """Return the backends and peers that draw on this machine, the reference first, and a sentence for each that is missing."""
     config = RasterConfig(threads=threads)
     ways = [Way("reference", "float64", config)]
     ways += [Way("torch", precision, config) for precision in ("float64", "float32", "float16")]
@@ -189,7 +189,7 @@ def measure_ways(ways: Sequence[Way], scene: Scene, truths: Sequence[Answer], re
 
 
 def measure_backends(context: Context) -> Findings:
-    """All backends beside the float64 reference, and what threads gain."""
+    """Measure all backends beside the float64 reference, and what threads gain."""
     size = context.choose(*REFERENCE_SIZES)
     ways, skipped = find_ways(context.threads)
 
@@ -488,14 +488,14 @@ def _curve(rows: list[Row], across: str, size: str) -> Findings:
 
 
 def _about(context: Context, count: int = 0, channels: int = 0, width: int = 0, height: int = 0) -> str:
-    """The setting in words; what is 0 varies."""
+    """Return the setting in words; what is 0 varies."""
     parts = [f"{count:,} Gaussians" if count else "", f"{channels} channels" if channels else ""]
     parts += [f"{width} x {height} pixels" if width else "", f"{context.threads} {plural('thread', context.threads)}"]
     return ", ".join(filter(None, parts))
 
 
 def measure_gradients(context: Context) -> Findings:
-    """Every gradient, Gaussian by Gaussian, against the reference; and the reference against differences."""
+    """Compare every gradient, Gaussian by Gaussian, with the reference; and the reference with differences."""
     size = context.choose(*REFERENCE_SIZES)
     ways, skipped = find_ways(context.threads)
     ways = [way for way in ways[1:] if way.backend != "plain" and way.precision != "float16"]  # which overflows

@@ -12,7 +12,7 @@ SMALL = 1e-4
 
 
 def rigid_mean(q: np.ndarray, t: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The motions `(q (N,4), t (N,3))` around which the K logarithms cancel: `sum_k w_k log(mean^-1 motion_k) = 0` in SE(3).
+    """Return the motions `(q (N,4), t (N,3))` around which the K logarithms cancel: `sum_k w_k log(mean^-1 motion_k) = 0` in SE(3).
 
     Kavan et al. 2008's iterative blending: it doesn't depend on the frame, and halves the screw between two motions. `q
     (N,K,4)` unit, `t (N,K,3)`, `weights (N,K)` that sum to 1; unique while no two motions are half a turn apart.
@@ -30,7 +30,7 @@ def rigid_mean(q: np.ndarray, t: np.ndarray, weights: np.ndarray) -> tuple[np.nd
 
 
 def logarithm(q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The screw `(turn (...,3), shift (...,3))` of motions, turning by no more than half a turn."""
+    """Return the screw `(turn (...,3), shift (...,3))` of motions, turning by no more than half a turn."""
     turn = quaternion.to_rotation_vector(q)
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
     safe = np.where(angle < SMALL, 1.0, angle)
@@ -40,7 +40,7 @@ def logarithm(q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exponential(turn: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The motions `(q, t)` of screws, the inverse of `logarithm`."""
+    """Return the motions `(q, t)` of screws, the inverse of `logarithm`."""
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
     safe = np.where(angle < SMALL, 1.0, angle)
     once = np.where(angle < SMALL, 1 / 2 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)

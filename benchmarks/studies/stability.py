@@ -29,7 +29,7 @@ LAST_STAGE = "fit"
 
 
 def measure_cases(context: Context) -> Findings:
-    """Every hard case: which checks passed, which errors were reported, and which were wrong without a message."""
+    """Run every hard case: which checks passed, which errors were reported, and which were wrong without a message."""
     folder = context.cases or CATALOGUE
     if not folder.is_dir():
         raise MissingError(

@@ -212,7 +212,7 @@ def _carried(x: np.ndarray, rng: np.random.Generator) -> tuple[Scaffold, dict[st
 
 
 def encode(scene: Scene, codec_of: Mapping[str, Codec], usual: Codec) -> tuple[Scene, float]:
-    """The scene as it comes back, and its bytes; `codec_of` by `part/array`, `usual` for the other floats."""
+    """Return the scene as it comes back, and its bytes; `codec_of` by `part/array`, `usual` for the other floats."""
     parts, total = {}, 0.0
     for part, layout in (("static", GAUSSIAN_ARRAYS), ("dynamic", DYNAMIC_ARRAYS), ("scaffold", SCAFFOLD_ARRAYS)):
         old = getattr(scene, part)
@@ -230,7 +230,7 @@ def encode(scene: Scene, codec_of: Mapping[str, Codec], usual: Codec) -> tuple[S
 
 
 def _images(scene: Scene, times: Sequence[float] = TIMES) -> np.ndarray:
-    """(T,H,W,3) float64 in [0,1]."""
+    """Return (T,H,W,3) float64 in [0,1]."""
     drawn = [render(scene, scene.cameras[int(time)], time, ("rgb",))["rgb"] for time in times]
     return np.clip(np.stack(drawn), 0, 1).astype(np.float64)
 
@@ -323,7 +323,7 @@ def _feature_rows(scene: Scene, seed: int) -> list[Row]:
 
 
 def _latents(static: np.ndarray, nodes: np.ndarray, dynamic: DynamicSet) -> np.ndarray:
-    """(N,D) float64 before they are stored."""
+    """Return (N,D) float64 before they are stored."""
     blended = (dynamic.weight[..., None].astype(np.float64) * nodes[dynamic.node]).sum(1)
     return np.concatenate([static, blended])
 

@@ -31,7 +31,7 @@ NOISE = 0.5
 
 
 def label_vectors(world: World, dim: int) -> np.ndarray:
-    """(L,dim) unit vectors: what a text encoder would say to the labels' words."""
+    """Return (L,dim) unit vectors: what a text encoder would say to the labels' words."""
     vectors = np.random.default_rng(dim).normal(size=(len(world.labels), dim))
     return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
 
@@ -54,7 +54,7 @@ def world_maps(world: World, folder: Path, dim: int) -> FeatureMaps:
 
 
 def score_features(world: World, scene: Scene, dim: int) -> tuple[float, float]:
-    """(mIoU, pixel accuracy) of the best label at every pixel of the novel views."""
+    """Return (mIoU, pixel accuracy) of the best label at every pixel of the novel views."""
     vectors = label_vectors(world, dim)
     return score_views(
         len(world.labels), novel_views(world, scene), lambda camera, time: _labels(scene, camera, time, vectors)
@@ -64,7 +64,7 @@ def score_features(world: World, scene: Scene, dim: int) -> tuple[float, float]:
 def score_views(
     count: int, views: Iterable[tuple[Camera, float, View]], find: Callable[[Camera, float], np.ndarray]
 ) -> tuple[float, float]:
-    """(mean over `count` labels of intersection / union, accuracy) of label pictures (H,W) int over all views.
+    """Return (mean over `count` labels of intersection / union, accuracy) of label pictures (H,W) int over all views.
 
     `find(camera, time)` may give a picture of any size, which is then enlarged; -1 is no label.
     """
@@ -77,7 +77,7 @@ def score_views(
 
 
 def enlarge(image: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The picture (h,w) at `shape` (H,W) by its nearest cells."""
+    """Return the picture (h,w) at `shape` (H,W) by its nearest cells."""
     rows, columns = (np.arange(size) * small // size for size, small in zip(shape, image.shape, strict=True))
     return image[rows[:, None], columns]
 

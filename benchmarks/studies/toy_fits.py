@@ -42,7 +42,7 @@ NOTE = (
 
 
 def toy_world(context: Context, name: str) -> World:
-    """The world called `name` at the report's size."""
+    """Return the world called `name` at the report's size."""
     return make_world(name, *context.choose(QUICK_SIZE, FULL_SIZE))
 
 
@@ -56,7 +56,7 @@ class Fitted:
 
 
 def base_config(context: Context, **changes: Any) -> FitConfig:
-    """The `quick` profile, with fewer steps in a quick report."""
+    """Return the `quick` profile, with fewer steps in a quick report."""
     config = replace(profile("quick"), threads=context.threads, seed=context.seed)
     return replace(config if not context.quick else shorten(config, QUICK_STEPS), **changes)
 
@@ -173,7 +173,7 @@ def mean_row(rows: Sequence[Row], error: str = "novel (dB)") -> Row:
 
 
 def spread(column: str, values: Sequence[float]) -> Row:
-    """The least and the greatest value under `NAME low (unit)` and `NAME high (unit)` for column `NAME (unit)`."""
+    """Return the least and the greatest value under `NAME low (unit)` and `NAME high (unit)` for column `NAME (unit)`."""
     return dict(zip(span_columns(column), (min(values), max(values)), strict=True))
 
 
@@ -194,7 +194,7 @@ def _psnr(image: torch.Tensor, view: View, mask: np.ndarray | None = None) -> fl
 
 
 def render_of(scene: Scene, camera: Camera, moment: float) -> torch.Tensor:
-    """(H,W,3) what the scene shows, in [0,1]."""
+    """Return (H,W,3) what the scene shows, in [0,1]."""
     return torch.from_numpy(np.clip(render(scene, camera, moment, ("rgb",))["rgb"], 0, 1))
 
 

@@ -328,7 +328,7 @@ def texture(xyz: np.ndarray, look: int) -> np.ndarray:
 def ride(
     xyz: np.ndarray, phase: float, *, pivot: Sequence[float], turn: Sequence[float], shift: Sequence[float]
 ) -> np.ndarray:
-    """A rigid motion: turned about `pivot` by up to the rotation vector `turn`, carried by up to `shift` on an arc."""
+    """Return a rigid motion: turned about `pivot` by up to the rotation vector `turn`, carried by up to `shift` on an arc."""
     q = quaternion.from_rotation_vector(phase * np.asarray(turn, float))
     carried = np.asarray(pivot) + phase * np.asarray(shift, float) - [0, 0.06 * np.sin(np.pi * phase), 0]
     return quaternion.rotate(q, xyz - pivot) + carried
@@ -346,14 +346,14 @@ def bend_arm(
 
 
 def wave(xyz: np.ndarray, phase: float, *, left: float) -> np.ndarray:
-    """A sheet in the picture's plane that waves like a flag, held at its edge x = `left`."""
+    """Return a sheet in the picture's plane that waves like a flag, held at its edge x = `left`."""
     along = xyz[:, 0] - left
     depth = 0.22 * along * np.sin(11 * along - 2 * np.pi * phase)
     return xyz + np.stack([np.zeros_like(along), 0.1 * along * np.sin(2 * np.pi * phase), depth], -1)
 
 
 def room(shine: float = 0.0) -> tuple[Body, ...]:
-    """The static background: a wall and a floor."""
+    """Return the static background: a wall and a floor."""
     back, ground = (
         Rectangle((-1.1, -0.7, 1.15), (2.2, 0, 0), (0, 1.05, 0)),
         Rectangle((-1.0, 0.26, 0.5), (2.0, 0, 0), (0, 0, 0.65)),
@@ -435,6 +435,6 @@ KINDS: dict[str, tuple[str, Callable[[], tuple[Body, ...]], float]] = {
 
 
 def make_world(name: str, width: int = 96, frames: int = 16) -> World:
-    """The world called `name` (of `KINDS`); pictures are 16:9."""
+    """Return the world called `name` (of `KINDS`); pictures are 16:9."""
     _, bodies, arc = KINDS[name]
     return World(name, bodies(), width, round(width * 9 / 16), frames, arc)

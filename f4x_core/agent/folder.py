@@ -36,7 +36,7 @@ class SceneFolder:
         self.root = place if self.only is None else place.parent
 
     def name(self, path: Path) -> str:
-        """The name of a path inside the folder, as agents use it."""
+        """Return the name of a path inside the folder, as agents use it."""
         return path.relative_to(self.root).as_posix()
 
     def scenes(self) -> list[str]:
@@ -46,7 +46,7 @@ class SceneFolder:
         return sorted(islice((self.name(path) for path in self._found()), MAX_SCENES))
 
     def scene(self, name: str) -> Path:
-        """The path of scene `name`, or of the only scene if `name` is empty."""
+        """Return the path of scene `name`, or of the only scene if `name` is empty."""
         if not name:
             known = self.scenes()
             if len(known) != 1:
@@ -58,14 +58,14 @@ class SceneFolder:
         return path
 
     def file(self, name: str) -> Path:
-        """The path of an existing file `name`."""
+        """Return the path of an existing file `name`."""
         path = self.inside(name)
         if not path.is_file():
             raise F4xError(f"There is no file {name!r} in the folder; give the name of one that is there.")
         return path
 
     def output(self, name: str) -> Path:
-        """The path of a new file or folder `name`; F4xError if it exists, because nothing is overwritten."""
+        """Return the path of a new file or folder `name`; F4xError if it exists, because nothing is overwritten."""
         if not PLAIN.fullmatch(name) or any(DEVICE.fullmatch(part.split(".")[0].strip()) for part in name.split("/")):
             raise F4xError(
                 f"{name!r} is no plain name; use letters, digits, spaces and . _ - + ( ), with / for folders."
@@ -78,7 +78,7 @@ class SceneFolder:
         return path
 
     def inside(self, name: str) -> Path:
-        """The path of `name` with every link resolved. Raises F4xError if it leads out of the folder."""
+        """Return the path of `name` with every link resolved. Raises F4xError if it leads out of the folder."""
         try:
             path = (self.root / name).resolve()
         except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a zero byte

@@ -82,7 +82,7 @@ class AgentServer(MCPServer):
 
 
 def build_server(session: Session, token: str = "", port: int = 0) -> AgentServer:
-    """The server with the tools of `session`; a read-only session offers no tools that write.
+    """Return the server with the tools of `session`; a read-only session offers no tools that write.
 
     With `token`, its HTTP application at `port` requires that bearer token.
     """
@@ -154,7 +154,7 @@ def serve_http(
 
 
 def read_token() -> tuple[str, bool]:
-    """(the token of `F4X_TOKEN` or a new one, whether it is new). Raises F4xError if the variable holds a weak token."""
+    """Return (the token of `F4X_TOKEN` or a new one, whether it is new). Raises F4xError if the variable holds a weak token."""
     token = os.environ.get(TOKEN, "")
     if not token:
         return secrets.token_urlsafe(), True
@@ -222,7 +222,7 @@ def _flat(parameter: inspect.Parameter) -> list[inspect.Parameter]:
 
 
 def _reporter(context: Context[Any, Any] | None) -> Progress:
-    """A `Progress` that reports to the waiting client and ends the tool when the client has cancelled the call."""
+    """Return a `Progress` that reports to the waiting client and ends the tool when the client has cancelled the call."""
     if context is None:
         return silent
     steps, last = count(1), -REPORT_EVERY
@@ -249,7 +249,7 @@ def _protocol_result(result: ToolResult) -> CallToolResult:
 
 
 def _error_message(tool: str, cause: BaseException | None) -> str | None:
-    """The message for an error that the caller or the owner of this machine can fix; None for any other error."""
+    """Return the message for an error that the caller or the owner of this machine can fix; None for any other error."""
     if isinstance(cause, F4xError):
         return plain(str(cause), MAX_ERROR_CHARACTERS)
     if isinstance(cause, ValidationError):

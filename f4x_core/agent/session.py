@@ -72,7 +72,7 @@ SIDES = ("right", "down", "left", "up")
 
 
 def record_signatures(family: Any) -> str:
-    """The tags of the record types in a union, each with its field names."""
+    """Return the tags of the record types in a union, each with its field names."""
     return ", ".join(f"{kind.TAG}({', '.join(entry.name for entry in fields(kind))})" for kind in get_args(family))
 
 
@@ -373,7 +373,7 @@ class Session:
         return ToolResult({**written, **({"notes": list(done.notes)} if done.notes else {})})
 
     def _open(self, name: str) -> tuple[Path, Scene]:
-        """(path, scene with its edits); the scene stays in memory until its file changes."""
+        """Return (path, scene with its edits); the scene stays in memory until its file changes."""
         path = self.folder.scene(name)
         state = path.stat()
         key = (path, state.st_ino, state.st_mtime_ns, state.st_size)
@@ -417,7 +417,7 @@ class Session:
         return path, scene, proposal.chosen if index < 0 else proposal.candidates[index]
 
     def _candidate_summary(self, scene: Scene, index: int, candidate: plan.Candidate) -> dict[str, Any]:
-        """A candidate as JSON, with counts in place of lists of ids."""
+        """Return a candidate as JSON, with counts in place of lists of ids."""
         shown = plan.preview(scene, candidate)
         chosen, new = sizes(shown), of(shown).edits[len(of(scene)) :]
         does = [

@@ -53,7 +53,7 @@ def plain(text: str, max_characters: int = MAX_TEXT_CHARACTERS) -> str:
 
 
 def encode_png(image: np.ndarray | Image.Image) -> bytes:
-    """The bytes of a PNG file of uint8 `image (H,W,3)` or `(H,W)`."""
+    """Return the bytes of a PNG file of uint8 `image (H,W,3)` or `(H,W)`."""
     file = io.BytesIO()
     (image if isinstance(image, Image.Image) else Image.fromarray(image)).save(file, "PNG")
     return file.getvalue()

@@ -74,7 +74,7 @@ class Task:
 
 
 def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
-    """The tasks of a row, each after the tasks whose results it reads.
+    """Return the tasks of a row, each after the tasks whose results it reads.
 
     `digest(path)` returns a content hash. A task's key covers the hashes of all files that it reads, so the manifest alone
     decides whether a task is done.
@@ -182,7 +182,7 @@ class _Chain:
         return _options(seed=self.row.seed, threads=self.row.threads)
 
     def _place(self, folder: str, words: str) -> str:
-        """A folder name made of `words`; F4xError if another task of the row already uses it."""
+        """Return a folder name made of `words`; F4xError if another task of the row already uses it."""
         name = f"{folder}/{slug(words)}"
         first = self.places.setdefault(name.lower(), words)
         if first != words:
@@ -211,7 +211,7 @@ def fitted_in_windows(row: Row) -> bool:
 
 
 def declared_frames(row: Row) -> tuple[int, str]:
-    """(number of frames that the row uses, why the clip cannot be read). Uses the file header only; 0 frames if unknown."""
+    """Return (number of frames that the row uses, why the clip cannot be read). Uses the file header only; 0 frames if unknown."""
     if URL not in row.clip and user_path(row.clip).exists():
         try:
             return reported_frame_count(row.clip, row.frames), ""
@@ -234,5 +234,5 @@ def _absolute(path: str) -> str:
 
 
 def slug(text: str) -> str:
-    """A text as a file name."""
+    """Return a text with the characters that file names allow."""
     return re.sub(r"[^\w.-]+", "_", text)

@@ -129,7 +129,7 @@ class Row(Record):
 
 
 def read_manifest(source: str, defaults: Mapping[str, str] | None = None) -> tuple[Row, ...]:
-    """The rows of a CSV or JSON file, or of the clips that a glob finds.
+    """Return the rows of a CSV or JSON file, or of the clips that a glob finds.
 
     Args:
         source: FILE.csv with a head line; FILE.json, a list of objects; otherwise a pattern. Local or a URL.
@@ -188,7 +188,7 @@ def _csv_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
 
 
 def _head(cells: Sequence[str], where: str) -> list[str]:
-    """The columns that the first line names."""
+    """Return the columns that the first line names."""
     names = [cell.strip() for cell in cells]
     _cells(dict.fromkeys(names, ""), where)
     for name in names:
@@ -240,7 +240,7 @@ def _cells(cells: Mapping[str, str], where: str) -> dict[str, Any]:
 
 
 def _located(row: Row, folder: str) -> Row:
-    """The row with its paths, which are relative to the manifest's folder, seen from where we are."""
+    """Return the row with its paths, which are relative to the manifest's folder, seen from where we are."""
 
     def file(text: str) -> str:
         return join(folder, text)
@@ -259,7 +259,7 @@ def _located(row: Row, folder: str) -> Row:
 
 
 def _named(rows: Sequence[Row], source: str) -> tuple[Row, ...]:
-    """The rows with a name each; F4xError where two are the same, also on file systems that know no case."""
+    """Return the rows with a name each; F4xError where two are the same, also on file systems that know no case."""
     named: list[Row] = []
     seen: dict[str, tuple[int, str]] = {}
     for number, row in enumerate(rows, 1):
@@ -280,7 +280,7 @@ def _named(rows: Sequence[Row], source: str) -> tuple[Row, ...]:
 
 
 def _name_of(row: Row) -> str:
-    """The row's name. By default the last part of the clip's path; for a folder `images`, its parent's name."""
+    """Return the row's name. By default the last part of the clip's path; for a folder `images`, its parent's name."""
     *folders, last = ["", *(part for part in row.clip.replace("\\", "/").split("/") if part not in ("", "images"))]
     parts = {PARENT: (folders or [""])[-1], STEM: PurePosixPath(last).stem}
     name = row.name or STEM

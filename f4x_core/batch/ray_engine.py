@@ -143,7 +143,7 @@ class RayEngine:
 
 
 def connect(address: str) -> Any:
-    """The module `ray`, connected to the cluster at `address`; F4xError with the reason why not."""
+    """Return the module `ray`, connected to the cluster at `address`; F4xError with the reason why not."""
     try:
         ray: Any = import_module("ray")
     except ImportError as error:
@@ -183,7 +183,7 @@ def _work(task: Task, settings: Settings) -> Outcome:
 
 
 def _make_probe() -> Callable[[str, str, str], tuple[str | None, str, bool]]:
-    """A function that Ray sends as code, because it also runs on nodes without this package or with another version."""
+    """Return a function that Ray sends as code, because it also runs on nodes without this package or with another version."""
 
     def probe(package: str, url: str, lock: str) -> tuple[str | None, str, bool]:
         from importlib import import_module

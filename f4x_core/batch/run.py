@@ -59,7 +59,7 @@ class Engine(Protocol):
         """Tasks that have ended, after waiting up to `timeout` seconds for the first."""
 
     def progress(self) -> dict[tuple[str, str], tuple[str, int, int]]:
-        """(row, stage) -> (step, done, total) of running tasks, as far as known."""
+        """Return (row, stage) -> (step, done, total) of running tasks, as far as known."""
 
     def stop(self) -> list[tuple[Task, Outcome]]:
         """Stop all running tasks, as after Ctrl-C, and return their outcomes."""
@@ -194,7 +194,7 @@ class Board:
         return [each for each in self.rows.values() if each.state == FAILED]
 
     def number(self, *states: str) -> int:
-        """Number of tasks in one of `states`; of all tasks if no state is given."""
+        """Return the number of tasks in one of `states`; of all tasks if no state is given."""
         return sum(
             count for counts in self.counts.values() for state, count in counts.items() if state in (states or counts)
         )
@@ -227,7 +227,7 @@ def plan(
     progress: Callable[[int, int], None] = lambda done, total: None,
     remember: bool = False,
 ) -> Board:
-    """The tasks of all rows; tasks that are already done are marked as kept.
+    """Return the tasks of all rows; tasks that are already done are marked as kept.
 
     Every clip is read once to compute its hash; with `remember` the store keeps the hashes.
     """
@@ -249,7 +249,7 @@ def plan(
 
 
 def _state_of(row: Row, store: Store, digests: Digests) -> RowState:
-    """The tasks of a row, those that are done as kept, and what lies there that none of them made."""
+    """Return the tasks of a row, those that are done as kept, and what lies there that none of them made."""
     missing: dict[str, None] = {}
 
     def digest(path: str) -> str:
@@ -283,7 +283,7 @@ def _state_of(row: Row, store: Store, digests: Digests) -> RowState:
 
 
 def _read_other(store: Store, name: str) -> RowState:
-    """The state of a folder that is no row of the manifest, from its records; without states if it has none."""
+    """Return the state of a folder that is no row of the manifest, from its records; without states if it has none."""
     each = RowState(Row(name, name), ())
     found = [parse_record(store.read(file)) for file in store.sizes(f"{name}/{STATE}") if _is_record(file)]
     records = [record for record in found if record is not None]
@@ -432,7 +432,7 @@ def locked(store: Store) -> Iterator[None]:
 
 
 def _holder(data: bytes | None) -> dict[str, Any] | None:
-    """The holder of the lock; None if the lock is gone or its batch is dead."""
+    """Return the holder of the lock; None if the lock is gone or its batch is dead."""
     try:
         other = parse_json(data or b"")
         if time.time() - other["beat"] > STALE:

@@ -36,7 +36,7 @@ class FolderStore:
         self.url = str(self.root)
 
     def read(self, name: str) -> bytes | None:
-        """The content of a file, None if there is no such file."""
+        """Return the content of a file, None if there is no such file."""
         try:
             return (self.root / name).read_bytes()
         except FileNotFoundError:
@@ -175,7 +175,7 @@ def open_store(place: str) -> Store:
 
 
 def read_bytes(place: str) -> bytes:
-    """The content of a small file, local or behind a URL."""
+    """Return the content of a small file, local or behind a URL."""
     try:
         if URL in place:
             system, path = _file_system(place)
@@ -187,7 +187,7 @@ def read_bytes(place: str) -> bytes:
 
 
 def expand(pattern: str) -> list[str]:
-    """The paths that match a glob pattern, sorted; a path that exists stands for itself."""
+    """Return the paths that match a glob pattern, sorted; a path that exists stands for itself."""
     if URL in pattern:
         system, path = _file_system(pattern)
         with _library_errors(pattern):
@@ -282,7 +282,7 @@ def _link_or_copy(source: Path, target: Path) -> None:
 
 
 def _file_system(url: str) -> tuple[Any, str]:
-    """The fsspec file system of a URL, and the path in it."""
+    """Return the fsspec file system of a URL, and the path in it."""
     try:
         from fsspec.core import url_to_fs
     except ImportError as error:

@@ -144,7 +144,7 @@ class Attempt:
         self._publish(work)
 
     def outcome(self, state: Literal["done", "failed", "stopped"], error: str = "") -> Outcome:
-        """The outcome with everything that was recorded so far."""
+        """Return the outcome with everything that was recorded so far."""
         return Outcome(
             row=self.task.row,
             stage=self.task.stage,
@@ -177,7 +177,7 @@ class Attempt:
         return outcome
 
     def _make_folder(self) -> Path:
-        """An empty folder: in `scratch` if it is set, else on the disk of a local store, else in the temporary folder."""
+        """Return an empty folder: in `scratch` if it is set, else on the disk of a local store, else in the temporary folder."""
         parent = Path(self.settings.scratch) if self.settings.scratch else None
         if parent is None and self.store.local is not None:
             parent = self.store.local / STATE / "work"
@@ -187,7 +187,7 @@ class Attempt:
         return self.temporary_folders[0]
 
     def _clip(self) -> str:
-        """The path of the clip. A clip behind a URL is downloaded to the same path in every attempt: scenes store it."""
+        """Return the path of the clip. A clip behind a URL is downloaded to the same path in every attempt: scenes store it."""
         if URL not in self.task.clip:
             return self.task.clip
         folder = Path(self.settings.scratch or tempfile.gettempdir()) / f"f4x-clip-{self.task.key[:16]}"
@@ -313,7 +313,7 @@ def record_name(task: Task) -> str:
 
 
 def parse_record(data: bytes | None) -> Outcome | None:
-    """The outcome in a record, without fields that only another version has; None if there is none or it is damaged."""
+    """Return the outcome in a record, without fields that only another version has; None if there is none or it is damaged."""
     try:
         record = parse_json(data) if data is not None else {}
         return Outcome(**{each.name: record[each.name] for each in fields(Outcome) if each.name in record})
@@ -322,12 +322,12 @@ def parse_record(data: bytes | None) -> Outcome | None:
 
 
 def read_record_of(store: Store, row: str, stage: str) -> Outcome | None:
-    """The record of one stage of a row."""
+    """Return the record of one stage of a row."""
     return parse_record(store.read(f"{row}/{STATE}/{slug(stage)}.json"))
 
 
 def _without_lists(result: Any, depth: int = 2) -> Any:
-    """A verb's result without lists, which may be long: ids of Gaussians, rows for every frame."""
+    """Return a verb's result without lists, which may be long: ids of Gaussians, rows for every frame."""
     if isinstance(result, dict) and depth:
         kept = {name: _without_lists(value, depth - 1) for name, value in result.items()}
         return {name: value for name, value in kept.items() if value is not None}

@@ -78,7 +78,7 @@ class Source:
         return self.layout.fps, self.layout.total or len(self.layout.images)
 
     def frames(self, span: slice, size: Size, alpha_is_mask: bool = False) -> Iterator[Shown]:
-        """The frames of `span` (start, stop and step of a slice), resized to `size`, with `alpha` (H,W) bool.
+        """Yield the frames of `span` (start, stop and step of a slice), resized to `size`, with `alpha` (H,W) bool.
 
         It says where colours are hidden and thus filled from around; with `alpha_is_mask` colours are as they are stored, and it
         says where they are shown.
@@ -134,7 +134,7 @@ class Source:
         return float(row if layout.places is None else layout.places[row]) / layout.fps
 
     def _pictures(self, layout: Layout, rows: range) -> Iterator[Shown]:
-        """The pictures `rows` of a folder, undistorted; F4xError where their aspects differ."""
+        """Yield the pictures `rows` of a folder, undistorted; F4xError where their aspects differ."""
         native: tuple[int, int] | None = None
         for row in rows:
             file = layout.images[row]

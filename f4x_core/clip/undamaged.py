@@ -156,7 +156,7 @@ class UndamagedFrames:
         self.held.append((serial, frame))
 
     def _released(self, newest: int | None) -> Iterator[Numbered]:
-        """The frames that no packet in the decoder can spoil any more, `newest` being the last one; all where it is None."""
+        """Yield the frames that no packet in the decoder can spoil any more, `newest` being the last one; all where it is None."""
         while self.held:
             serial, frame = self.held[0]
             waits = any(newest - HOLD < one < serial for one in self.open) if newest is not None else False

@@ -106,7 +106,7 @@ def _is_webp(file: Path) -> bool:
 
 
 def _webp_frames(file: Path) -> Iterator[Shown]:
-    """The frames of a WebP animation, which FFmpeg does not decode."""
+    """Yield the frames of a WebP animation, which FFmpeg does not decode."""
     from PIL import Image, ImageSequence
 
     start = 0.0
@@ -122,7 +122,7 @@ def _webp_frames(file: Path) -> Iterator[Shown]:
 
 
 def _of_one_size(frames: Iterable[Shown], file: Path, notes: list[Note]) -> Iterator[Shown]:
-    """The frames, scaled to the size of the first where theirs differs; F4xError where the shape of the picture changes."""
+    """Yield the frames, scaled to the size of the first where theirs differs; F4xError where the shape of the picture changes."""
     size: tuple[int, int] | None = None
     for index, shown in enumerate(frames):
         height, width = shown.pixels.shape[:2]
@@ -221,7 +221,7 @@ def _breaks_off(container, stream, end: float) -> bool:
 
 
 def _whole_frames(frames: Iterable[Numbered]) -> Iterator[Numbered]:
-    """The frames with two fields woven into one picture each, by FFmpeg's filter `bwdif`; progressive ones as they are."""
+    """Yield the frames with two fields woven into one picture each, by FFmpeg's filter `bwdif`; progressive ones as they are."""
     graph, size, numbers = None, None, deque[int]()
     for frame, number in frames:
         if graph is not None and (frame.width, frame.height) != size:

@@ -336,18 +336,18 @@ class Looking:
 
     @property
     def sizes(self) -> np.ndarray:
-        """Those of the base times the growth of earlier edits."""
+        """(n,3) scales of the base times the growth of earlier edits."""
         growth = self.scene._growth(self.below)[self.rows, None]
         return self.scene._constant["scales"][self.step.before.origin[self.rows]] * growth
 
     @property
     def opacities(self) -> np.ndarray:
-        """Of the rows that they come from."""
+        """(n,) opacities of the base's Gaussians that they come from."""
         return self.scene._constant["opacities"][self.step.before.origin[self.rows]]
 
     @property
     def gone(self) -> np.ndarray:
-        """Before the edit."""
+        """(n,) bool: deleted before the edit."""
         return self.step.before.gone[self.rows]
 
 

@@ -208,7 +208,7 @@ class Change(Record):
 
     @property
     def left(self) -> SelectKind | None:
-        """All that is left after it; None where that is not what it says."""
+        """Selection of all that is left after "keep only" it; None for other operations."""
         return None
 
     @property

@@ -49,12 +49,12 @@ class Display:
 
     @cached_property
     def appearance_changes(self) -> bool:
-        """Return True if appearance depends on time."""
+        """True if an edit of the appearance is limited to a time span."""
         return any(step.edit.operation.LOOKS and step.edit.operation.span is not None for step in self._steps)
 
     @cached_property
     def changes(self) -> bool:
-        """Return True if frames differ in more than the motion of the base."""
+        """True if edits change opacity, colours or motion over time: a frame then differs in more than the motion of the base."""
         if self.appearance_changes or not len(self.apart):
             return self.appearance_changes
         other_tints = self.scene.tints is not None and any(step.retimes for step in self._steps)

@@ -15,6 +15,7 @@ from ..clip.images import read_color, resize_color, resize_nearest
 from ..errors import F4xError
 from ..gaussians.camera_rig import CameraRig
 from ..geometry.camera import Camera, CameraPath
+from ..geometry.quaternion import angles_between
 from ..geometry.trajectory import View
 from ..metrics.pictures import psnr, ssim
 from ..priors.synthetic import BACKGROUND_DEPTH, read_passes
@@ -223,13 +224,13 @@ def align_cameras(estimated: CameraPath, truth: CameraPath) -> Similarity:
     here, there = estimated.centers, truth.centers
     # The start is made of medians, so that a wrong camera does not decide which ones are wrong.
     relative = turns_there @ turns_here.transpose(0, 2, 1)  # every camera's own idea of R
-    rotation = relative[np.argmin([np.median(_angles(relative, one)) for one in relative])]
+    rotation = relative[np.argmin([np.median(angles_between(relative, one)) for one in relative])]
     reach = float(np.median(np.linalg.norm(here - np.median(here, axis=0), axis=1)))
     scale = float(np.median(np.linalg.norm(there - np.median(there, axis=0), axis=1))) / reach if reach > 0 else 1.0
     shift = np.median(there - scale * here @ rotation.T, axis=0)
     for _ in range(ALIGN_ROUNDS):
         off = np.linalg.norm(there - (scale * here @ rotation.T + shift), axis=1) / max(scale, 1e-12)
-        error = np.hypot(off, _angles(turns_there, rotation @ turns_here))
+        error = np.hypot(off, angles_between(turns_there, rotation @ turns_here))
         w = (1 + (error / max(OUTLIER * float(np.median(error)), 1e-9)) ** 2) ** -2.0  # Geman-McClure
         w /= w.sum()
         here_centred, there_centred = here - w @ here, there - w @ there
@@ -250,16 +251,10 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
 
 
-def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angles (F,) in radians between rotations (F,3,3)."""
-    # |A - B|_F = sqrt(8) sin(angle/2): exact for small angles too, where the arc cosine of the trace is not.
-    return 2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=(1, 2)) / np.sqrt(8), 0, 1))
-
-
 def rotation_error(estimated: CameraPath, truth: CameraPath, similarity: Similarity) -> float:
     """Return the root mean square angle in degrees between the orientations of two paths after `similarity`."""
     turns_there, turns_here = (path.world_to_camera[:, :3, :3].transpose(0, 2, 1) for path in (truth, estimated))
-    return float(np.degrees(np.sqrt(np.mean(_angles(turns_there, similarity[1] @ turns_here) ** 2))))
+    return float(np.degrees(np.sqrt(np.mean(angles_between(turns_there, similarity[1] @ turns_here) ** 2))))
 
 
 def into_scene(camera: Camera, similarity: Similarity, focal_ratio: float = 1.0) -> Camera:

@@ -124,7 +124,7 @@ class Precomputed:
         raise F4xError(f"{self.source} holds maps of one clip and cannot encode other pictures.")
 
     def encode_clip(self, frames: Sized) -> Iterator[np.ndarray]:
-        """(h,w,C) float32 of every frame, at the grid of the spec; F4xError when the numbers of frames differ."""
+        """Yield (h,w,C) float32 of every frame, at the grid of the spec; F4xError when the numbers of frames differ."""
         if self.count != len(frames):
             raise F4xError(
                 f"{self.source} holds {self.count} maps, the clip has {len(frames)} frames; make them equal."

@@ -103,7 +103,7 @@ def next_band(model: SceneModel, images: Tensor, config: RasterConfig, backend: 
 
 
 def _views(model: SceneModel, images: Tensor, frames: list[int], config: RasterConfig, backend: str) -> Iterator[_View]:
-    """The model's view of each of `frames`, one after the other."""
+    """Yield the model's view of each of `frames`, one after the other."""
     height, width = images.shape[1:3]
     for frame in frames:
         moved = None if model.dynamic is None else model.dynamic_at(float(model.times[frame]))[0]

@@ -98,7 +98,7 @@ def depth_loss(depth: Tensor, alpha: Tensor, prior: Tensor, confidence: Tensor) 
 
 
 def depth_roughness(depth: Tensor, alpha: Tensor, image: Tensor, unsure: Tensor) -> Tensor:
-    """Mean bend of the inverse depth (1 = the scene's median) where the picture is plain and the depth unsure; 0 for planes.
+    """Return the mean bend of the inverse depth (1 = the scene's median) of plain pixels of unsure depth; 0 for planes.
 
     The inverse depth of a plane is linear in the picture. Colours do not tell where along their rays the Gaussians of a plain
     surface lie: without this they fray, which shows from the side alone.

@@ -147,13 +147,13 @@ class SceneModel:
         return len(self.static) + (0 if self.dynamic is None else len(self.dynamic))
 
     def sets(self) -> Iterator[tuple[str, StaticGaussians | DynamicGaussians]]:
-        """The optimised sets by name, in the order in which they are drawn."""
+        """Yield the optimised sets by name, in the order in which they are drawn."""
         yield "static", self.static
         if self.dynamic is not None:
             yield "dynamic", self.dynamic
 
     def rows(self) -> Iterator[tuple[str, slice]]:
-        """The rows of each optimised set, by name, among all Gaussians drawn."""
+        """Yield the rows of each optimised set, by name, among all Gaussians drawn."""
         first = 0
         for name, gaussians in self.sets():
             yield name, slice(first, first + len(gaussians))

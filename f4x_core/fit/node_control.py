@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..gaussians import SetOptimiser
+from ..gaussians import DynamicGaussians, SetOptimiser
 from ..scaffold.adam import Adam
 from ..scaffold.control import densify_nodes, largest_weights, prune_nodes, rebase_local
 from ..scaffold.graph import attach_nodes
@@ -60,25 +60,24 @@ def add_nodes(
         return next_node_id
     fresh = NodeSet(densified, nodes.graph)
     _swap_nodes(model, shared, fresh, lambda moment, axis: _padded(moment, axis, added))
-    with torch.no_grad():
-        x, _ = dynamic.at_reference(fresh.parameters["node_xyz"], fresh.quat)
-        reference, attach = dynamic.labels["reference"], dynamic.labels["attach"]
-        nearest = torch.from_numpy(attach_nodes(x.numpy(), reference.numpy(), densified.xyz))
-        moving = (nearest >= len(before)).nonzero()[:, 0]
-        place, turn = dynamic.parameters["local_means"], dynamic.parameters["local_quats"]
-        local = rebase_local(
-            place[moving],
-            turn[moving],
-            reference[moving],
-            attach[moving],
-            nearest[moving],
-            NodePoses(fresh.parameters["node_xyz"].detach(), fresh.quat.detach()),
-        )
-        place[moving], turn[moving] = local
-        dynamic.labels["attach"] = torch.where(nearest >= len(before), nearest, attach)
+    _attach_to_new(dynamic, fresh, len(before))
     optimiser.forget("local_means")
     optimiser.forget("local_quats")
     return next_node_id + added
+
+
+@torch.no_grad()
+def _attach_to_new(dynamic: DynamicGaussians, nodes: NodeSet, known: int) -> None:
+    """Let the Gaussians whose nearest node is not among the first `known` of `nodes` follow it, from where they are."""
+    xyz = nodes.parameters["node_xyz"]
+    x, _ = dynamic.at_reference(xyz, nodes.quat)
+    reference, attach = dynamic.labels["reference"], dynamic.labels["attach"]
+    nearest = torch.from_numpy(attach_nodes(x.numpy(), reference.numpy(), nodes.scaffold.xyz))
+    moving = (nearest >= known).nonzero()[:, 0]
+    place, turn = dynamic.parameters["local_means"], dynamic.parameters["local_quats"]
+    local = place[moving], turn[moving], reference[moving], attach[moving], nearest[moving]
+    place[moving], turn[moving] = rebase_local(*local, NodePoses(xyz.detach(), nodes.quat.detach()))
+    dynamic.labels["attach"] = torch.where(nearest >= known, nearest, attach)
 
 
 def drop_nodes(model: SceneModel, shared: Adam, config: NodeConfig) -> int:

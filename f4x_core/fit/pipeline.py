@@ -305,7 +305,7 @@ def _colour_need(trainer: Trainer) -> Need:
 
 
 def _shortages(trainer: Trainer) -> Iterator[Shortage]:
-    """The sets of which less was allowed than the clip asked for."""
+    """Yield the sets of which less was allowed than the clip asked for."""
     config = trainer.config
     for name, room in trainer.rooms.items():
         lacking = trainer.controls[name].lacking

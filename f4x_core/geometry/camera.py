@@ -78,6 +78,10 @@ class Camera:
         matrix = self.camera_to_world
         return local @ like(matrix[:3, :3].T, pixels) + like(matrix[:3, 3], pixels)
 
+    def on_plane(self, pixels: np.ndarray) -> np.ndarray:
+        """Return `(..., 2)`: x, y of the camera's rays through `pixels (..., 2)` where z = 1; the skew counts as 0."""
+        return (pixels - self.intrinsics[:2, 2]) / self.intrinsics[[0, 1], [0, 1]]
+
     def resized(self, width: int, height: int) -> "Camera":
         """Return the camera of the same picture resampled to another size."""
         intrinsics = _resized_intrinsics(self.intrinsics, width / self.width, height / self.height)

@@ -134,3 +134,9 @@ def _two_over_squared_norm(q: Array) -> Array:
 def _dtype(q: Array) -> np.dtype:
     """Return the dtype for constants: that of a numpy input, so float32 stays float32; `like` casts for torch."""
     return q.dtype if isinstance(q, np.ndarray) else np.dtype(np.float64)
+
+
+def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the angles (F,) in radians between rotation matrices (F,3,3); one of the two may be (3,3)."""
+    # |A - B|_F = sqrt(8) sin(angle/2): exact for small angles too, where the arc cosine of the trace is not.
+    return 2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=(1, 2)) / np.sqrt(8), 0, 1))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..priors.joints import BODY, TORSO
-from .networks import CROP_FACTOR, Crop, Detection, Pose, confirm, detect, find_pose
+from .networks import Crop, Detection, Pose, confirm, detect, find_pose
 
 THRESHOLD = 0.35
 """Score of a detection that is looked at; `find_pose` decides."""
@@ -69,12 +69,9 @@ def find_everyone(picture: np.ndarray, parts: bool = False) -> list[Seed]:
 
 def find_mover(picture: np.ndarray, region: np.ndarray, step: int) -> Seed | None:
     """Return the person who fills a moving `region (H // step, W // step)` bool, whichever way is up; None where nobody does."""
-    y, x = np.nonzero(region)
-    low, high = step * np.array([x.min(), y.min()]), step * np.array([x.max() + 1, y.max() + 1])
-    side = CROP_FACTOR * float(np.max(high - low))
     best, best_agreement = None, MIN_MOVER
     for turn in range(TURNS):
-        pose = find_pose(picture, Crop((low + high) / 2, side, 2 * np.pi * turn / TURNS))
+        pose = find_pose(picture, Crop.of_region(region, step, 2 * np.pi * turn / TURNS))
         if pose.presence < PRESENCE or not is_usable(pose.next_crop, picture):
             continue
         agreement = pose.presence * _agreement(pose, region, step)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..parallel import in_threads
 from .finding import COARSE, PRESENCE, TURNED, TURNS, Seed, is_usable, look_twice, same_body, steadiness
-from .networks import CROP_FACTOR, Crop, Pose, confirm, find_pose
+from .networks import Crop, Pose, confirm, find_pose
 
 SURE_AGREEMENT, MIN_AGREEMENT = 0.6, 0.5
 """Intersection over union of a person's mask with the last one carried along by the flow: from the first on nothing else is
@@ -206,13 +206,10 @@ class _Place:
         found = find_pose(self.picture, self.crop) if is_usable(self.crop, self.picture) else None
         if found is not None and self.agreement(found) >= SURE_AGREEMENT:
             return found
-        y, x = np.nonzero(self.expected)
-        if len(y) < MIN_PIXELS:
+        if np.count_nonzero(self.expected) < MIN_PIXELS:
             return None
-        low, high = COARSE * np.array([x.min(), y.min()]), COARSE * np.array([x.max() + 1, y.max() + 1])
-        side = CROP_FACTOR * float(np.max(high - low))
         angles = [self.crop.angle + 2 * np.pi * turn / TURNS for turn in range(-self.turns, self.turns + 1)]
-        looked = [find_pose(self.picture, Crop((low + high) / 2, side, angle)) for angle in angles]
+        looked = [find_pose(self.picture, Crop.of_region(self.expected, COARSE, angle)) for angle in angles]
         first = max(looked, key=self.agreement)
         again = look_twice(self.picture, first.crop) if self.agreement(first) > 0 else None
         candidates = [pose for pose in (found, *seen, first, again) if pose is not None]

@@ -54,6 +54,13 @@ class Crop:
         x, y = np.asarray(on_circle, np.float64) - center
         return cls(np.asarray(center, np.float64), 2 * CROP_FACTOR * float(np.hypot(x, y)), float(np.arctan2(x, -y)))
 
+    @classmethod
+    def of_region(cls, region: np.ndarray, step: int, angle: float) -> Crop:
+        """Return the crop around the True of `region (H // step, W // step)`, turned by `angle`."""
+        y, x = np.nonzero(region)
+        low, high = step * np.array([x.min(), y.min()]), step * np.array([x.max() + 1, y.max() + 1])
+        return cls((low + high) / 2, CROP_FACTOR * float(np.max(high - low)), angle)
+
     @property
     def turn(self) -> float:
         """Radians 0..pi from upright, to either side."""

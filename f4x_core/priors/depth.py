@@ -94,13 +94,9 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     objects = place_objects(inverse, confidence, moving, priors)
     progress("depth", frames + 1, frames + 1)
     depth = 1 / inverse
-    unit = float(np.median(depth if clip.hidden is None or not seen.any() else depth[seen]))
-    if priors.provenance.get("cameras", {}).get("provider") in ("user", "files"):
-        unit = 1.0  # given cameras keep their unit, and depth has to match them
-    else:
-        priors.cameras = cameras.scaled_world(1 / unit)
-    priors.depth = (depth / unit).astype(np.float32)
-    priors.depth_confidence = np.clip(confidence, 0, 1).astype(np.float16)
+    median = float(np.median(depth if clip.hidden is None or not seen.any() else depth[seen]))
+    unit = priors.store_depth(depth, confidence, median)
+    assert priors.depth is not None
     for mover in objects:
         for name in ("depth", "ground"):
             over_time = mover["over_time"]
@@ -148,14 +144,14 @@ def inverse_depth_from_flow(
     """
     here = cameras[frame]
     rays = np.ones((3, len(pixels)))
-    rays[:2] = ((pixels - here.intrinsics[:2, 2]) / here.intrinsics[[0, 1], [0, 1]]).T
+    rays[:2] = here.on_plane(pixels).T
     gain, offset = np.empty((2, 2, len(targets), len(pixels)), np.float64)  # (x and y, g, n)
     for row, (other, seen, _) in enumerate(targets):
         there = cameras[other]
         relative = there.world_to_camera @ here.camera_to_world
         ahead = relative[:3, :3] @ rays  # (3, n)
         ahead[:2] /= ahead[2]
-        plane = ((seen - there.intrinsics[:2, 2]) / there.intrinsics[[0, 1], [0, 1]]).T
+        plane = there.on_plane(seen).T
         gain[:, row] = (relative[:2, 3:] - plane * relative[2, 3]) / ahead[2]
         offset[:, row] = plane - ahead[:2]
     given, focal = np.stack([weight for _, _, weight in targets]), here.intrinsics[0, 0]  # (g, n)
@@ -186,7 +182,7 @@ def epipolar_direction(cameras: CameraPath, frame: int, pixels: np.ndarray, othe
     here = cameras[frame]
     steps = (cameras.centers[others] - cameras.centers[frame]) @ here.world_to_camera[:3, :3].T
     step = steps[np.argmax(np.linalg.norm(steps, axis=1))]
-    plane = (pixels - here.intrinsics[:2, 2]) / here.intrinsics[[0, 1], [0, 1]]
+    plane = here.on_plane(pixels)
     return step[:2] - plane * step[2]
 
 
@@ -291,7 +287,7 @@ def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarra
 
 
 def ground_prior(cameras: CameraPath) -> np.ndarray:
-    """Return the inverse depth `(F, H, W)` of a world that is near below and farther above, the same from every direction of view.
+    """Return the inverse depth `(F, H, W)` of a made-up world: ground below the camera, a far sphere above its horizon.
 
     Inverse distance is `0.7 + s`, s that of `below_horizon`.
     """
@@ -309,7 +305,7 @@ def below_horizon(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.nd
 
     An inverse depth that is linear in them is that of a ground plane below and of a sphere above. `down (3,)` in the world.
     """
-    local = (pixels - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]]
+    local = camera.on_plane(pixels)
     return np.stack([np.maximum(slope(camera, pixels, down), 0), np.sqrt(1 + (local**2).sum(-1))], -1)
 
 

@@ -65,9 +65,7 @@ def touching_feet(body: Body, own: np.ndarray, moving: np.ndarray, edge: GroundE
             continue
         edges = np.array(list(pixels.values())) + np.array([0.5, 1.0])
         ground = np.maximum(np.interp(edges[:, 0] - 0.5, edge.columns, edge.ground), 1e-9)
-        ray = np.column_stack(
-            [(edges - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]], np.ones(len(edges))]
-        )
+        ray = np.column_stack([camera.on_plane(edges), np.ones(len(edges))])
         places = (ray / ground[:, None]) @ camera.camera_to_world[:3, :3].T + camera.camera_to_world[:3, 3]
         found.append(Foot(side, list(pixels), ground, edges, places))
     return found

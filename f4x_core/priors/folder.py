@@ -112,6 +112,21 @@ class Priors:
         if message not in self.warnings:
             self.warnings.append(message)
 
+    def store_depth(self, depth: np.ndarray, confidence: np.ndarray, median: float) -> float:
+        """Store `depth (F, H, W)`, in units of the cameras, and its confidence; returns the world unit, measured in the old one.
+
+        The world unit becomes the `median` depth, and the cameras are scaled along. Given cameras keep their unit, and the depth
+        stays in it.
+        """
+        assert self.cameras is not None
+        given = self.provenance.get("cameras", {}).get("provider") in ("user", "files")
+        unit = 1.0 if given else median
+        if not given:
+            self.cameras = self.cameras.scaled_world(1 / unit)
+        self.depth = (depth / unit).astype(np.float32)
+        self.depth_confidence = np.clip(confidence, 0, 1).astype(np.float16)
+        return unit
+
     def expected_shape(self, name: str) -> tuple[int | None, ...]:
         """Return the shape that array `name` must have; None where the number of tracks is free."""
         count = None if self.tracks is None else self.tracks.shape[1]

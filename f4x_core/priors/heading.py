@@ -64,7 +64,7 @@ def turn_along_way(extents: Extents, inverse: np.ndarray, cameras: CameraPath) -
         speed = _slope(times[near] - times[i], places[near])
         way = np.linalg.norm(speed) * np.ptp(times[near])
         focal = float(camera.intrinsics[0, 0])
-        ray = np.append((at - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]], 1.0)
+        ray = np.append(camera.on_plane(at), 1.0)
         normal = camera.world_to_camera[:3, :3] @ np.cross(speed, down)
         facing = normal @ ray
         if not abs(facing) > 0:

@@ -12,6 +12,7 @@ as far as the background's motion misses its colours by more than the flow does,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -129,37 +130,164 @@ def motion_score(
     import cv2
 
     cv2.setRNGSeed(0)  # MAGSAC draws samples; the same clip must give the same mask
-    frames, height, width = flows[1].shape[:3]
-    gaps = both_ways(gaps, frames)
-    grid = pixel_grid(height, width)[STEP // 2 :: STEP, STEP // 2 :: STEP]  # (h,w,2)
-    points, (rows, columns) = grid.reshape(-1, 2), grid.shape[:2]
-    unit = max(height, width) / REFERENCE_WIDTH
-    border = border_of(rows, columns)
-    samples = {gap: flows[gap][:, STEP // 2 :: STEP, STEP // 2 :: STEP] for gap in (1, *gaps)}  # (F,h,w,2) each
-    moved = length(samples[1][: frames - 1][:, border].astype(np.float32))
-    far = length(samples[max((1, *gaps))][: frames - max((1, *gaps))][:, border].astype(np.float32))
-    border_flow = float(np.median(moved)) if moved.size else 0.0
-    # A slow pan also has little flow per frame; it shows over the longest gap.
-    static = border_flow < STATIC_PIXELS * unit and (not far.size or float(np.median(far)) < 2 * STATIC_PIXELS * unit)
-    residual = np.zeros((frames, len(gaps), rows * columns, 2), np.float32)
-    trust = np.zeros((frames, len(gaps), rows * columns), np.float32)
-    missed, off = np.full((2, frames, len(gaps), rows * columns), np.nan, np.float32)
+    samples = _Samples.of(flows, gaps)
+    (frames, height, width), (rows, columns) = flows[1].shape[:3], samples.grid.shape[:2]
+    static, border_flow = samples.camera_stands()
+    beyond = _compare(pictures, flows, samples, static, people, progress)
+    score = beyond.score()  # (F,P)
+    statistics = {"static_camera": static, "border_flow": border_flow} | beyond.border_statistics(score)
+    if not static and statistics["border_unexplained"] > PARALLAX_FRACTION:
+        score, statistics["border_parallax"] = beyond.forgive_parallax(score)
+    statistics["parallax"] = statistics["border_parallax"] > PARALLAX_FRACTION
+    contrast = max(float(pictures[:, ::STEP, ::STEP].std((0, 1, 2)).mean()), 1.0)
+    score, enough = score.reshape(frames, rows, columns), EVIDENCE_CONTRAST * contrast
+    missed, off = (levels.reshape(frames, -1, rows, columns) for levels in (beyond.missed, beyond.off))
+    evidence = _evidence(missed, enough)
+    hidden = _hidden(score * evidence > COVERING, samples.flows, beyond.residual, samples.gaps)
+    score = score * _without_covered(evidence, missed, off, hidden, enough)
+    return _smooth_in_time(np.stack(in_threads(lambda one: enlarge(one, height, width), score)), flows), statistics
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """The P = h w pixels, one in `STEP` each way, at which motions are compared, and the flow there."""
+
+    grid: np.ndarray
+    """(h,w,2) x, y of the pixels."""
+    gaps: tuple[int, ...]
+    """The K gaps compared, ahead and back."""
+    flows: dict[int, np.ndarray]
+    """Gap -> (F,h,w,2) pixels, of gap 1 and of `gaps`."""
+    unit: float
+    """Factor by which constants in pixels grow with the picture."""
+
+    @classmethod
+    def of(cls, flows: dict[int, np.ndarray], gaps: tuple[int, ...]) -> _Samples:
+        """Sample the `flows` (gap -> (F,H,W,2)) at those of `gaps` that the clip has."""
+        frames, height, width = flows[1].shape[:3]
+        gaps, every = both_ways(gaps, frames), slice(STEP // 2, None, STEP)
+        samples = {gap: flows[gap][:, every, every] for gap in (1, *gaps)}
+        return cls(pixel_grid(height, width)[every, every], gaps, samples, max(height, width) / REFERENCE_WIDTH)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(P,2) the pixels in one row."""
+        return self.grid.reshape(-1, 2)
+
+    @property
+    def border(self) -> np.ndarray:
+        """(P,) bool: the pixel lies on the frame around the picture."""
+        return border_of(*self.grid.shape[:2]).ravel()
+
+    def camera_stands(self) -> tuple[bool, float]:
+        """Return True if the border hardly flows, and its median flow in pixels over one frame."""
+        near, far = (self._border_flow(gap) for gap in (1, max((1, *self.gaps))))
+        border_flow = float(np.median(near)) if near.size else 0.0
+        # A slow pan also has little flow per frame; it shows over the longest gap.
+        slow = not far.size or float(np.median(far)) < 2 * STATIC_PIXELS * self.unit
+        return border_flow < STATIC_PIXELS * self.unit and slow, border_flow
+
+    def _border_flow(self, gap: int) -> np.ndarray:
+        """Return the lengths (F - gap, b) of the border's flow over `gap` frames."""
+        flow = self.flows[gap]
+        return length(flow[: len(flow) - gap][:, border_of(*self.grid.shape[:2])].astype(np.float32))
+
+
+@dataclass(frozen=True)
+class _Beyond:
+    """Flow beyond the background's motion at the P pixels of `samples`, F frames and K gaps, and what the colours say of both."""
+
+    samples: _Samples
+    residual: np.ndarray
+    """(F,K,P,2) float32 pixels; 0 where the clip has no such frame."""
+    trust: np.ndarray
+    """(F,K,P) float32: 1 where the flow returns, `DOUBT` where it does not, 0 where there is none."""
+    missed: np.ndarray
+    """(F,K,P) float32 levels by which the background's motion misses the colours more than the flow does; NaN = not compared."""
+    off: np.ndarray
+    """(F,K,P) float32 levels by which the background's motion misses the colours."""
+    inliers: np.ndarray
+    """(F,K) fraction of the flow that the homography explains; NaN where there is none."""
+
+    @classmethod
+    def empty(cls, samples: _Samples) -> _Beyond:
+        """Return one to be filled."""
+        shape = len(samples.flows[1]), len(samples.gaps), len(samples.points)
+        residual, trust = np.zeros((*shape, 2), np.float32), np.zeros(shape, np.float32)
+        missed, off = np.full((2, *shape), np.nan, np.float32)
+        return cls(samples, residual, trust, missed, off, np.full(shape[:2], np.nan))
+
+    def score(self) -> np.ndarray:
+        """Return (F,P) in 0..1, how surely a pixel does not move like the background."""
+        return score_of_residuals(length(self.residual), self.trust, self.samples.unit)
+
+    def border_statistics(self, score: np.ndarray) -> dict[str, Any]:
+        """Return how well one homography explains the border: the evidence of `motion_score` before parallax is looked at."""
+        gaps, edge = self.samples.gaps, self.samples.border
+        last = np.abs(gaps) == max(np.abs(gaps), default=1)
+        return {
+            "homography_residual": _median(
+                length(self.residual[:, last][:, :, edge])[self.trust[:, last][..., edge] == 1]
+            ),
+            "homography_inliers": {
+                str(gap): float(np.nanmean(found))
+                for gap, found in zip(gaps, self.inliers.T, strict=True)
+                if np.isfinite(found).any()
+            },
+            "border_unexplained": float((score[:, edge] > 0.5).mean()),
+            "border_parallax": 0.0,
+        }
+
+    def forgive_parallax(self, score: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the `score (F,P)`, less where parallax explains it, and the fraction of the border that parallax alone explains.
+
+        Of a border with too little parallax the score comes back as it is.
+        """
+        some, edge = np.arange(0, len(score), PARALLAX_EVERY), self.samples.border
+        forgiven = self._score_by_parallax(some)
+        parallax = float(((score[some][:, edge] > 0.5) & (forgiven[:, edge] < 0.25)).mean())
+        if parallax > PARALLAX_FRACTION:
+            score = np.sqrt(score * self._score_by_parallax(np.arange(len(score))))
+        return score, parallax
+
+    def _score_by_parallax(self, frames: np.ndarray) -> np.ndarray:
+        """Return (f,P): `score` of what one inverse depth per pixel does not explain in `frames (f,)`."""
+        samples = self.samples
+        left = _left_by_parallax(frames, self.residual, self.trust, samples.points, samples.unit)
+        return score_of_residuals(left, self.trust[frames], samples.unit)
+
+
+def _compare(
+    pictures: np.ndarray,
+    flows: dict[int, np.ndarray],
+    samples: _Samples,
+    static: bool,
+    people: np.ndarray | None,
+    progress: Progress,
+) -> _Beyond:
+    """Compare the flow with the background's motion: one homography per frame and gap, none for a `static` camera.
+
+    Where the background's motion leads to one of the `people (F,H,W)` from a pixel that shows none, colours are not compared.
+    """
+    import cv2
+
+    (frames, height, width), grid, points = flows[1].shape[:3], samples.grid, samples.points
+    beyond = _Beyond.empty(samples)
     soft = np.stack(in_threads(lambda picture: cv2.GaussianBlur(picture, (0, 0), EVIDENCE_BLUR), pictures))
-    inliers = np.full((frames, len(gaps)), np.nan)
     if people is not None:
-        around = dilate_masks(people, round(PEOPLE_COVER * unit)).astype(np.float32)
+        around = dilate_masks(people, round(PEOPLE_COVER * samples.unit)).astype(np.float32)
         shown = people[:, STEP // 2 :: STEP, STEP // 2 :: STEP].reshape(frames, -1)
 
     def compare(t: int) -> None:
         own = look_up(soft[t].astype(np.float32), grid)
-        for j, gap in enumerate(gaps):
+        for j, gap in enumerate(samples.gaps):
             if not 0 <= t + gap < frames:
                 continue
-            flow = samples[gap][t].reshape(-1, 2).astype(np.float64)
+            flow = samples.flows[gap][t].reshape(-1, 2).astype(np.float64)
             good = consistent_at(points, flow, flows[-gap][t + gap])
-            residual[t, j], inliers[t, j] = (flow, 1.0) if static else _off_homography(points, flow, good, unit)
-            trust[t, j] = np.where(good, 1.0, DOUBT)
-            by_flow, by_background = points + flow, points + flow - residual[t, j]
+            left, beyond.inliers[t, j] = (flow, 1.0) if static else _off_homography(points, flow, good, samples.unit)
+            beyond.residual[t, j], beyond.trust[t, j] = left, np.where(good, 1.0, DOUBT)
+            by_flow, by_background = points + flow, points + flow - beyond.residual[t, j]
             there = soft[t + gap].astype(np.float32)
             more, less = (
                 abs(look_up(there, seen.reshape(grid.shape)) - own).mean(-1) for seen in (by_background, by_flow)
@@ -167,43 +295,11 @@ def motion_score(
             compared = good & inside(by_background, height, width)
             if people is not None:
                 compared &= shown[t] | (look_up(around[t + gap], by_background.reshape(grid.shape)) == 0).ravel()
-            missed[t, j] = np.where(compared, (more - less).ravel(), np.nan)
-            off[t, j] = more.ravel()
+            beyond.missed[t, j] = np.where(compared, (more - less).ravel(), np.nan)
+            beyond.off[t, j] = more.ravel()
 
     in_threads(compare, range(frames), lambda done: progress("motion", done, frames))
-    score = score_of_residuals(length(residual), trust, unit)  # (F,P)
-    edge = border.ravel()
-    unexplained = score[:, edge] > 0.5
-    last = np.abs(gaps) == max(np.abs(gaps), default=1)
-    statistics: dict[str, Any] = {
-        "static_camera": bool(static),
-        "border_flow": border_flow,
-        "homography_residual": _median(length(residual[:, last][:, :, edge])[trust[:, last][..., edge] == 1]),
-        "homography_inliers": {
-            str(gap): float(np.nanmean(found))
-            for gap, found in zip(gaps, inliers.T, strict=True)
-            if np.isfinite(found).any()
-        },
-        "border_unexplained": float(unexplained.mean()),
-        "border_parallax": 0.0,
-    }
-    if not static and statistics["border_unexplained"] > PARALLAX_FRACTION:
-        some = np.arange(0, frames, PARALLAX_EVERY)
-        forgiven = score_of_residuals(_left_by_parallax(some, residual, trust, points, unit), trust[some], unit)
-        statistics["border_parallax"] = float((unexplained[some] & (forgiven[:, edge] < 0.25)).mean())
-        if statistics["border_parallax"] > PARALLAX_FRACTION:
-            every = np.arange(frames)
-            score = np.sqrt(
-                score * score_of_residuals(_left_by_parallax(every, residual, trust, points, unit), trust, unit)
-            )
-    statistics["parallax"] = statistics["border_parallax"] > PARALLAX_FRACTION
-    contrast = max(float(pictures[:, ::STEP, ::STEP].std((0, 1, 2)).mean()), 1.0)
-    score, enough = score.reshape(frames, rows, columns), EVIDENCE_CONTRAST * contrast
-    missed, off = missed.reshape(frames, -1, rows, columns), off.reshape(frames, -1, rows, columns)
-    evidence = _evidence(missed, enough)
-    hidden = _hidden(score * evidence > COVERING, samples, residual, gaps)
-    score = score * _without_covered(evidence, missed, off, hidden, enough)
-    return _smooth_in_time(np.stack(in_threads(lambda one: enlarge(one, height, width), score)), flows), statistics
+    return beyond
 
 
 def both_ways(gaps: tuple[int, ...], frames: int) -> tuple[int, ...]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry.arrays import evenly_spaced, rank_correlation
+from ..geometry.quaternion import angles_between
 from .bundle import Bundle, BundleConfig, Observations, resect, total_cost, triangulate
 from .mirror import MIN_SAMPLES, adjust_coarse_to_fine, mirrored
 from .sfm import sightings, solve_rotations
@@ -160,14 +161,9 @@ def _bulge(bundle: Bundle, observations: Observations, from_outline: np.ndarray)
 def _turns_steadily(bundle: Bundle, world_to_camera: np.ndarray) -> bool:
     """Return True if the body's turn in the world goes somewhere: what bends and is taken for a turn swings to and fro."""
     turns = np.einsum("fji,fjk->fik", world_to_camera[:, :3, :3], bundle.rotation)
-    steps = _angles(turns[1:], turns[:-1]).sum()
-    apart = max(float(_angles(turns, one).max()) for one in turns)
+    steps = angles_between(turns[1:], turns[:-1]).sum()
+    apart = max(float(angles_between(turns, one).max()) for one in turns)
     return bool(steps < LITTLE_TURN or apart > np.pi - 0.1 or apart >= STEADY * steps)
-
-
-def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angles `(f,)` between rotations `(f, 3, 3)` in radians."""
-    return 2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=(1, 2)) / np.sqrt(8), 0, 1))
 
 
 def _median_by(point: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:

@@ -153,7 +153,7 @@ def slope(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
 
     `down (3,)` in the world.
     """
-    local = (pixels - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]]
+    local = camera.on_plane(pixels)
     x, y, z = camera.world_to_camera[:3, :3] @ down
     return local[..., 0] * x + local[..., 1] * y + z
 
@@ -193,7 +193,7 @@ def find_horizon(contacts: Contacts, lens: Lens) -> tuple[float, float]:
 
 
 def true_size(row: np.ndarray, size: np.ndarray, scale: bool, horizon: np.ndarray, lens: Lens) -> np.ndarray:
-    """True sizes, in camera heights, of what touches the ground at `row` and is `size` pixels high, for each `horizon`.
+    """Return the true sizes, in camera heights, of what touches the ground at `row` and is `size` pixels high, for each `horizon`.
 
     `scale`: `size` is a scale of the picture in place of a height, which is `row - horizon` but for a factor. Of an upright thing
     seen by a camera that looks down the ends lie at the angles `a` and `b` below the horizon: its height is `1 - tan a / tan b`.

@@ -223,9 +223,8 @@ def relink(
     """
     from scipy.spatial import cKDTree
 
-    frames, count = visible.shape
+    frames, height, width = pictures.shape
     first, last = visible.argmax(0), frames - 1 - visible[::-1].argmax(0)
-    height, width = pictures.shape[1:]
     seen = visible.any(0)
     # Right beside an occluder patches contain it, some frames away they do not: look at both.
     away = MIN_SAMPLES - 1
@@ -261,10 +260,19 @@ def relink(
         return found
 
     pieces = in_threads(links, range(frames - 2), lambda done: progress("tracks", done, frames - 2, "join"))
-    proposals = [link for found in pieces for link in found]
+    return _join_links(tracks, visible, [link for found in pieces for link in found])
+
+
+def _join_links(
+    tracks: np.ndarray, visible: np.ndarray, links: list[tuple[float, int, int]]
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Join (F,N,2) tracks by (correlation, track, other), the best first; a track goes on once and is gone on with once.
+
+    Returns them, their visibility and the number of joins.
+    """
     tracks, visible = tracks.copy(), visible.copy()
-    ended, begun, owner, joins = set(), set(), np.arange(count), 0
-    for look, track, other in sorted(proposals, key=lambda proposal: -proposal[0]):
+    ended, begun, owner, joins = set(), set(), np.arange(tracks.shape[1]), 0
+    for look, track, other in sorted(links, key=lambda link: -link[0]):
         if look < MIN_CORRELATION or track in ended or other in begun:
             continue
         ended.add(track)

@@ -22,7 +22,7 @@ NO_BOND = 1e-9
 
 
 class Attached(NamedTuple):
-    """Gaussians that go with a thing; N of them in the scene."""
+    """Which of a scene's N Gaussians belong to a chosen thing besides its own."""
 
     shadow: np.ndarray
     """(N,) bool: its shadow, reflection or ripples."""

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry.camera import Camera
-from ..geometry.splats import Splats
 from ..scene import Scene
 from ..scene.clouds import Cloud, fitted_config
 from .blend_weights import Look, seen_sums
@@ -117,8 +116,7 @@ def _seen_inside(cloud: Cloud, view: View, shape: Shape, backend: str) -> np.nda
     pixels = camera.pixel_grid().reshape(-1, 2) * (view.camera.width / size[0], view.camera.height / size[1])
     inside = shape.contains(pixels).reshape(size[1], size[0])
     layers = np.stack([inside, np.ones_like(inside)], -1).astype(np.float32)
-    splats = Splats(cloud.means, cloud.quats, cloud.scales, cloud.opacities)
-    sums, seen = seen_sums(Look(splats, camera, config, backend), layers, SEEN)
+    sums, seen = seen_sums(Look(cloud.shape, camera, config, backend), layers, SEEN)
     return np.clip(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(len(sums)), where=seen), 0, 1)
 
 

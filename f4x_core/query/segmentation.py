@@ -23,8 +23,8 @@ BLOCK = 8
 """Cells are compared in square blocks of this side, so that the work is matrix products."""
 NOBODY = 0.02
 """A cell is background where no cell in reach was covered by the object by more than this fraction."""
-ROUNDS = 10
-"""Rounds of k-means by which looks are told apart."""
+
+
 UNCERTAIN = 1e-4
 """Minimum distance of a probability from 0 and 1, so that logits stay finite."""
 
@@ -56,14 +56,6 @@ class MaskDecoder(Protocol):
         """Every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
         ...
 
-    def everything(self, t: int) -> np.ndarray:
-        """Masks (n,H,W) bool of whatever stands out on frame `t`, without a prompt."""
-        ...
-
-    def reset(self) -> None:
-        """Forget all prompts."""
-        ...
-
 
 @dataclass(frozen=True)
 class PropagationConfig:
@@ -79,12 +71,6 @@ class PropagationConfig:
     """A vote weighs exp(cosine / temperature)."""
     contrast: float = 1.0
     """How far cosines differ in these features, beside visual features alone; counts where points and boxes grow."""
-    parts: tuple[int, ...] = (3, 4, 6, 8)
-    """Numbers of looks that `everything` tells apart on a frame, one after the other."""
-    overlap: float = 0.7
-    """Of two of its regions that overlap more (intersection over union), the larger stays."""
-    min_cells: int = 6
-    """Smaller regions are dropped by `everything`."""
 
 
 class FeaturePropagation:
@@ -139,27 +125,6 @@ class FeaturePropagation:
                     frame = _Masked(cells, self._vote(cells, known.values(), recent), self.config.reach)
                 recent = [*recent, frame][-self.config.memory :]
                 yield t, self._logits(frame.fraction)
-
-    def everything(self, t: int) -> np.ndarray:
-        """Masks (n,H,W) bool of connected regions of one look on frame `t`, told apart finely and coarsely; largest first."""
-        check_frame(t, self.count)
-        cells = blur(self._cells(t))
-        regions = []
-        for parts in self.config.parts:
-            numbers = connected_regions(kinds_of(cells, parts))
-            names, areas = np.unique(numbers, return_counts=True)
-            regions += [numbers == name for name in names[areas >= self.config.min_cells]]
-        chosen: list[np.ndarray] = []
-        for region in sorted(regions, key=np.count_nonzero, reverse=True):
-            shared = (np.count_nonzero(region & other) / np.count_nonzero(region | other) for other in chosen)
-            if max(shared, default=0.0) <= self.config.overlap:
-                chosen.append(region)
-        masks = [enlarge(region.astype(np.float32), self.size) > 0.5 for region in chosen]
-        return np.stack(masks) if masks else np.zeros((0, *self.size), bool)
-
-    def reset(self) -> None:
-        """Forget all prompts."""
-        self._masks = {}
 
     def _vote(self, cells: np.ndarray, known: Collection[_Masked], recent: list[_Masked]) -> np.ndarray:
         """Fraction of the object (h,w) in the cells (h,w,C) of a frame, by the frames it can ask."""
@@ -229,31 +194,12 @@ def shifted(values: np.ndarray, move: tuple[int, int]) -> np.ndarray:
     return result
 
 
-def blur(cells: np.ndarray) -> np.ndarray:
-    """Unit features (h,w,C): means over 3 x 3 cells, so that a region is not torn by single odd ones."""
-    return unit(sums_around(cells))
-
-
 def sums_around(cells: np.ndarray) -> np.ndarray:
     """Sums of `cells (h,w,C)` over 3 x 3 cells; those of the edge are repeated beyond it."""
     height, width = cells.shape[:2]
     padded = np.pad(cells, ((1, 1), (1, 1), (0, 0)), mode="edge")
     around = (padded[y : y + height, x : x + width] for y in range(3) for x in range(3))
     return sum(around, np.zeros_like(cells))
-
-
-def kinds_of(cells: np.ndarray, kinds: int) -> np.ndarray:
-    """(h,w) int: which of at most `kinds` looks a cell has (spherical k-means from farthest points; deterministic)."""
-    flat = cells.reshape(-1, cells.shape[2])
-    centres = [flat.mean(0)]
-    for _ in range(kinds):
-        centres.append(flat[np.argmin((flat @ np.stack(centres).T).max(1))])
-    table = np.stack(centres[1:])
-    for _ in range(ROUNDS):
-        kind = (flat @ table.T).argmax(1)
-        sums = np.stack([flat[kind == index].sum(0) for index in range(kinds)])
-        table = unit(sums)
-    return kind.reshape(cells.shape[:2])
 
 
 def connected_regions(kind: np.ndarray) -> np.ndarray:

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import Camera
-from ..geometry.splats import Splats
 from ..scene import MADE_UP, Scene
 from ..scene.clouds import Cloud, fitted_config
 from .blend_weights import Look, seen_sums
@@ -52,7 +51,6 @@ def _seen(scene: Scene) -> np.ndarray:
         time, camera = float(cameras.times[frame]), cameras[frame].of_width(COLUMNS)
         nothing = np.zeros((camera.height, camera.width, 0), np.float32)
         cloud = Cloud.of_scene(scene, time)
-        splats = Splats(cloud.means, cloud.quats, cloud.scales, cloud.opacities)
-        look = Look(splats, camera, fitted_config([cloud], camera))
+        look = Look(cloud.shape, camera, fitted_config([cloud], camera))
         seen |= seen_sums(look, nothing, LEAST, among=~seen)[1]
     return seen

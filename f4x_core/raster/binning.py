@@ -61,17 +61,8 @@ def build_tile_lists(
     item = torch.repeat_interleave(row_count)  # (Q,)
     row = (row_low - _starts(row_count))[item] + torch.arange(len(item), device=item.device)
     item_splat = splats[item]
-    mx, my, A, k, r, log_opacity = ellipses.table.index_select(1, item_splat)
-    reach = cut(log_opacity, config.alpha_min) * (1 + SLACK) + SLACK
-    # Every item -> the tile columns that the ellipse covers inside the row. The ellipse is convex, so its extreme x
-    # over the row's pixel centres lies at the y of its outermost points, moved into the row.
-    top = row * side + 0.5 - my
-    bottom = ((row + 1) * side).clamp_max(height) - 0.5 - my
-    outermost = k / r * (reach / (A.reciprocal() + k.square() / r)).sqrt()  # cov_xy sqrt(reach / cov_xx)
-    right_y, left_y = (torch.minimum(torch.maximum(y, top), bottom) for y in (outermost, -outermost))
-    right = mx + k * right_y + ((reach - r * right_y.square()).clamp_min(0) / A).sqrt()
-    left = mx + k * left_y - ((reach - r * left_y.square()).clamp_min(0) / A).sqrt()
-    column_low, column_count = _tile_range(left - SLACK, right + SLACK, width, side)
+    left, right = _extent_in_rows(ellipses, item_splat, row * side, ((row + 1) * side).clamp_max(height), config)
+    column_low, column_count = _tile_range(left, right, width, side)
     pair = torch.repeat_interleave(column_count)  # (P,) item of every (splat, tile) pair
     number = torch.arange(len(pair), device=pair.device)
     pair_starts = _starts(column_count)
@@ -98,6 +89,23 @@ def build_tile_lists(
         splats=splats,
         offsets=torch.cat((pair_starts, pair_starts.new_tensor([len(pair)])))[_starts(row_count)],
     )
+
+
+def _extent_in_rows(
+    ellipses: Ellipses, splats: Tensor, top: Tensor, end: Tensor, config: RasterConfig
+) -> tuple[Tensor, Tensor]:
+    """Return the least and greatest x (Q,) that the ellipses of `splats (Q,)` reach in the rows of pixels `top` to `end - 1` (Q,).
+
+    An ellipse is convex, so its extreme x over the rows' pixel centres lies at the y of its outermost points, moved into them.
+    """
+    mx, my, A, k, r, log_opacity = ellipses.table.index_select(1, splats)
+    reach = cut(log_opacity, config.alpha_min) * (1 + SLACK) + SLACK
+    first, last = top + 0.5 - my, end - 0.5 - my
+    outermost = k / r * (reach / (A.reciprocal() + k.square() / r)).sqrt()  # cov_xy sqrt(reach / cov_xx)
+    right_y, left_y = (torch.minimum(torch.maximum(y, first), last) for y in (outermost, -outermost))
+    right = mx + k * right_y + ((reach - r * right_y.square()).clamp_min(0) / A).sqrt()
+    left = mx + k * left_y - ((reach - r * left_y.square()).clamp_min(0) / A).sqrt()
+    return left - SLACK, right + SLACK
 
 
 @torch.no_grad()

@@ -87,7 +87,7 @@ def alpha_sums_plain(inputs: RasterInput) -> np.ndarray:
 
 
 def _tiles(splats: _Splats, width: int, drawn: slice) -> Iterator[tuple[slice, slice, np.ndarray]]:
-    """(rows, columns, indices of the splats that meet them, front to back) of every tile of the rows `drawn`."""
+    """Yield (rows, columns, indices of the splats that meet them, front to back) of every tile of the rows `drawn`."""
     for top in range(drawn.start, drawn.stop, TILE):
         rows = slice(top, min(top + TILE, drawn.stop))
         in_row = np.flatnonzero(_meets(splats.y, splats.half_height, rows))
@@ -143,7 +143,7 @@ def _meets(centre: np.ndarray, half: np.ndarray, pixels: slice) -> np.ndarray:
 def _weights(
     splats: _Splats, index: np.ndarray, rows: slice, columns: slice, limit: np.ndarray, config: RasterConfig
 ) -> Iterator[tuple[_Splats, np.ndarray]]:
-    """The splats at `index`, a slab at a time, with their light in every pixel of a tile (splats, h w)."""
+    """Yield the splats at `index`, a slab at a time, with their light in every pixel of a tile (splats, h w)."""
     y, x = (axis.ravel() + 0.5 for axis in np.mgrid[rows, columns])
     light = np.ones((1, len(x)))  # transmittance of every pixel
     for start in range(0, len(index), SLAB):

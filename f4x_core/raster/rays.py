@@ -161,39 +161,6 @@ def _oversampled(camera: Camera, oversample: int) -> Camera:
     return replace(camera, intrinsics=intrinsics, width=width, height=height)
 
 
-def reference_rays(splats: Splats, colors: Tensor, camera: Camera, config: RayConfig | None = None) -> Tensor:
-    """Composite along rays in float64, plainly: (H,W,4). Slow: every Gaussian meets every ray. Differentiable by autograd."""
-    config = config or RayConfig()
-    return composite(project(splats.map(Tensor.double), camera, config), colors, camera, config)
-
-
-def composite(seen: Projected, colors: Tensor, camera: Camera, config: RayConfig) -> Tensor:
-    """Return the rule of the compositing alone, in float64: (H,W,4). See `reference_rays`."""
-    k, colors = torch.as_tensor(camera.intrinsics), torch.cat((colors.double(), torch.ones(len(colors), 1)), 1)
-    origin = -torch.einsum("nij,nj->ni", seen.whiten, seen.means)
-    rows = []
-    for y in range(camera.height):
-        x = (torch.arange(camera.width, dtype=torch.float64) + 0.5 - k[0, 2]) / k[0, 0]
-        rays = torch.stack((x, torch.full_like(x, float((y + 0.5 - k[1, 2]) / k[1, 1])), torch.ones_like(x)), 1)
-        along = torch.einsum("nij,wj->wni", seen.whiten, rays)
-        square = (along**2).sum(-1)
-        depth = -torch.einsum("wni,ni->wn", along, origin) / square
-        off = torch.linalg.cross(origin.expand_as(along), along)
-        alpha = (seen.opacities * torch.exp(-0.5 * (off**2).sum(-1) / square)).clamp_max(0.9999)
-        away = torch.linalg.cross(seen.means.expand(len(x), -1, -1), rays[:, None].expand(-1, len(colors), -1)).norm(
-            dim=-1
-        )
-        inside = away <= seen.radii * rays.norm(dim=1)[:, None]
-        alpha = torch.where(inside & (depth > config.near) & (seen.means[:, 2] > config.near), alpha, 0.0)
-        alpha = torch.where(alpha >= config.alpha_min, alpha, 0.0)
-        order = depth.argsort(dim=1, stable=True)
-        alpha = alpha.gather(1, order)
-        left = torch.cumprod(1 - alpha, 1)
-        left = torch.cat((torch.ones_like(x)[:, None], left[:, :-1]), 1)
-        rows.append(torch.einsum("wn,wnc->wc", alpha * left, colors[order]))
-    return torch.stack(rows)
-
-
 class _Rays(torch.autograd.Function):
     @staticmethod
     def forward(ctx, fixed: dict[str, Any], whiten: Tensor, opacities: Tensor, colors: Tensor) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby, pairwise
 from typing import Any
 
@@ -16,7 +16,22 @@ from ..language.lexicon import plural
 from ..priors import Priors
 from ..priors.depth import GUESSED_MOVERS
 from ..scaffold import Scaffold
-from .finding import CAMERAS, MOVES, MOVING_DEPTH, PATH, ROOM, SCORE, UNSEEN, Finding, Weight, by_weight, caused_by
+from .finding import (
+    CAMERAS,
+    MOVES,
+    MOVING_DEPTH,
+    PATH,
+    ROOM,
+    SCORE,
+    UNSEEN,
+    Finding,
+    Weight,
+    by_weight,
+    caused_by,
+    good,
+    note,
+    problem,
+)
 from .geometry_findings import ClipGeometry, about_geometry, origins_of_moving_depth
 
 # Share of frames whose camera meets what stands in them, and the median reprojection error in pixels above which cameras are
@@ -199,72 +214,52 @@ def _unseen_psnr(metrics: Mapping[str, Any], default: float | None = None) -> fl
     return metrics.get("held_out_psnr_registered", metrics.get("held_out_psnr", default))
 
 
-def _about_used_frames(metrics: Mapping[str, Any], profile: str) -> list[Finding]:
+def _about_used_frames(metrics: Mapping[str, Any], profile: str) -> Iterator[Finding]:
     used = metrics.get("used_psnr")
     if used is None or used >= WATCHABLE_PSNR:
-        return []
-    return [
-        Finding(
-            "problem",
-            f"Even the frames it was made from come out at {used:.1f} dB (below {WATCHABLE_PSNR:.0f}).",
-            "Look at the worst frames below, and check masks and cameras"
-            + (LONGER if profile == SHORT_PROFILE else "."),
-        )
-    ]
+        return
+    yield problem(
+        f"Even the frames it was made from come out at {used:.1f} dB (below {WATCHABLE_PSNR:.0f}).",
+        "Look at the worst frames below, and check masks and cameras" + (LONGER if profile == SHORT_PROFILE else "."),
+    )
 
 
-def _about_unseen_frames(metrics: Mapping[str, Any], profile: str) -> list[Finding]:
-    found = []
+def _about_unseen_frames(metrics: Mapping[str, Any], profile: str) -> Iterator[Finding]:
     used, held_out = metrics.get("used_psnr"), _unseen_psnr(metrics)
     if used is not None and held_out is not None and used - held_out > HELD_OUT_GAP:
-        found.append(
-            Finding(
-                "problem",
-                f"Frames it never saw are {used - held_out:.1f} dB worse than those it was made from.",
-                "Cameras or motion do not carry over between frames: use more frames (a smaller --frames step), or give"
-                " cameras with --prior cameras=FILE and depth with --prior depth=DIR.",
-            )
+        yield problem(
+            f"Frames it never saw are {used - held_out:.1f} dB worse than those it was made from.",
+            "Cameras or motion do not carry over between frames: use more frames (a smaller --frames step), or give"
+            " cameras with --prior cameras=FILE and depth with --prior depth=DIR.",
         )
     refined, interpolated = metrics.get("held_out_psnr_refined"), metrics.get("held_out_psnr")
     located = metrics.get("held_out_psnr_registered", refined)
     if located is not None and interpolated is not None and located - interpolated > REFINEMENT_GAP:
-        found.append(
-            Finding(
-                "note",
-                f"Cameras interpolated between used frames lose {located - interpolated:.1f} dB on unseen ones: the scene is"
-                " right, the camera shook between frames.",
-                "Film more steadily, or give cameras with --prior cameras=FILE.",
-            )
+        yield note(
+            f"Cameras interpolated between used frames lose {located - interpolated:.1f} dB on unseen ones: the scene is"
+            " right, the camera shook between frames.",
+            "Film more steadily, or give cameras with --prior cameras=FILE.",
         )
     elif held_out is not None and refined is not None and refined - held_out > REFINEMENT_GAP:
-        found.append(
-            Finding(
-                "note",
-                f"Refining the camera on the colours of each unseen frame wins {refined - held_out:.1f} dB: cameras and depth"
-                " do not agree.",
-                "Give depth with --prior depth=DIR, or cameras with --prior cameras=FILE.",
-            )
+        yield note(
+            f"Refining the camera on the colours of each unseen frame wins {refined - held_out:.1f} dB: cameras and depth"
+            " do not agree.",
+            "Give depth with --prior depth=DIR, or cameras with --prior cameras=FILE.",
         )
     blend = metrics.get("held_out_psnr_flow_blend_registered", metrics.get("held_out_psnr_flow_blend"))
     if held_out is not None and blend is not None:
         if held_out < blend:
-            found.append(
-                Finding(
-                    "problem",
-                    f"Simply blending the two neighbouring frames shows unseen frames better ({blend:.1f} dB) than the"
-                    f" scene ({held_out:.1f} dB).",
-                    "See the points about camera, depth and motion" + (LONGER if profile == SHORT_PROFILE else "."),
-                )
+            yield problem(
+                f"Simply blending the two neighbouring frames shows unseen frames better ({blend:.1f} dB) than the"
+                f" scene ({held_out:.1f} dB).",
+                "See the points about camera, depth and motion" + (LONGER if profile == SHORT_PROFILE else "."),
             )
         else:
-            found.append(
-                Finding("good", f"Unseen frames are {held_out - blend:.1f} dB better than blending their neighbours.")
-            )
-    return found
+            yield good(f"Unseen frames are {held_out - blend:.1f} dB better than blending their neighbours.")
 
 
-def _about_what_moves(metrics: Mapping[str, Any]) -> list[Finding]:
-    """Return a finding if moving regions are shown worse than static ones, in used or unseen frames, where the gap is larger."""
+def _about_what_moves(metrics: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield a finding if moving regions are shown worse than static ones, in used or unseen frames, where the gap is larger."""
     pairs = [
         (where, *(metrics.get(f"{frames}_psnr_{region}{cameras}", np.nan) for region in ("moving", "static")))
         for frames, cameras, where in (("used", "", ""), ("held_out", "_registered", " in unseen frames"))
@@ -273,16 +268,13 @@ def _about_what_moves(metrics: Mapping[str, Any]) -> list[Finding]:
         (static - moving, where, moving, static) for where, moving, static in pairs if static - moving > REGION_GAP
     ]
     if not worse:
-        return []
+        return
     gap, where, moving, static = max(worse)
-    return [
-        Finding(
-            "problem",
-            f"What moves is {gap:.1f} dB worse{where} than what stands still ({moving:.1f} against {static:.1f} dB).",
-            "Give masks of what moves with --masks DIR and depth with --prior depth=DIR; fast motion needs a higher"
-            " frame rate.",
-        )
-    ]
+    yield problem(
+        f"What moves is {gap:.1f} dB worse{where} than what stands still ({moving:.1f} against {static:.1f} dB).",
+        "Give masks of what moves with --masks DIR and depth with --prior depth=DIR; fast motion needs a higher"
+        " frame rate.",
+    )
 
 
 def fair_psnr(row: Mapping[str, Any]) -> float:
@@ -291,44 +283,36 @@ def fair_psnr(row: Mapping[str, Any]) -> float:
     return float(row.get("psnr_registered", row["psnr"]))
 
 
-def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
-    """Return the frames far below the others, and why a held-out frame at the clip's end is one of them."""
+def _about_single_frames(metrics: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield the frames far below the others, and why a held-out frame at the clip's end is one of them."""
     rows = metrics.get("frames", [])
     if not rows:
-        return []
+        return
     median = float(np.median([fair_psnr(row) for row in rows]))
     low = {row["frame"]: row["held_out"] for row in rows if fair_psnr(row) < median - FRAME_GAP}
     ends = [frame for frame in (rows[0]["frame"], rows[-1]["frame"]) if low.get(frame)]  # held out there
     rest = [frame for frame in low if frame not in ends]
-    found = [
-        Finding(
-            "note",
+    for frame in ends:
+        yield note(
             f"Frame {frame} was held out at the clip's end, so its camera is a guess beyond the last one that was used; it"
-            " pulls the held-out mean down.",
+            " pulls the held-out mean down."
         )
-        for frame in ends
-    ]
     if rest:
         named = f"{plural('frame', len(rest))} {', '.join(map(str, rest[:NAMED_FRAMES]))}"
         named += " …" if len(rest) > NAMED_FRAMES else ""
-        found.append(
-            Finding(
-                "note",
-                f"More than {FRAME_GAP:.0f} dB below the median of {median:.1f} dB: {named}.",
-                "Look for blur, flashes or cuts there, and leave such frames out with --frames.",
-            )
+        yield note(
+            f"More than {FRAME_GAP:.0f} dB below the median of {median:.1f} dB: {named}.",
+            "Look for blur, flashes or cuts there, and leave such frames out with --frames.",
         )
-    return found
 
 
-def _about_lost_movers(metrics: Mapping[str, Any]) -> list[Finding]:
-    """Return the runs of used frames whose moving mask the scene does not cover, though it does in others of the clip."""
+def _about_lost_movers(metrics: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield the runs of used frames whose moving mask the scene does not cover, though it does in others of the clip."""
     rows = [row for row in metrics.get("frames", []) if "mover_coverage" in row and not row["held_out"]]
     kept = [row for row in rows if row["mover_coverage"] >= LOST_COVERAGE]
     if not kept or float(np.median([row["mover_coverage"] for row in kept])) < KEPT_COVERAGE:
-        return []
+        return
     usual = float(np.median([row["psnr_mask"] for row in kept]))
-    found = []
     for lost, run in groupby(rows, key=lambda row: row["mover_coverage"] < LOST_COVERAGE):
         missing = list(run)
         psnr = float(np.mean([row["psnr_mask"] for row in missing]))
@@ -340,16 +324,12 @@ def _about_lost_movers(metrics: Mapping[str, Any]) -> list[Finding]:
         else:
             when = f"Until frame {last}" if missing[0] is rows[0] else f"In frames {first} to {last}"
         covered = float(np.mean([row["mover_coverage"] for row in missing]))
-        found.append(
-            Finding(
-                "problem",
-                f"{when} the moving object is missing: the scene covers {covered:.0%} of where the masks have it, at"
-                f" {psnr:.1f} dB ({usual:.1f} dB in the other frames).",
-                "Its tracks may have ended where something passes in front of it: check its masks and give better ones with"
-                " --masks DIR, give tracks with --prior tracks=FILE, or fit only the other frames with --frames.",
-            )
+        yield problem(
+            f"{when} the moving object is missing: the scene covers {covered:.0%} of where the masks have it, at"
+            f" {psnr:.1f} dB ({usual:.1f} dB in the other frames).",
+            "Its tracks may have ended where something passes in front of it: check its masks and give better ones with"
+            " --masks DIR, give tracks with --prior tracks=FILE, or fit only the other frames with --frames.",
         )
-    return found
 
 
 def about_cuts(priors: Priors, picked: str = "") -> list[Finding]:
@@ -370,130 +350,98 @@ def about_cuts(priors: Priors, picked: str = "") -> list[Finding]:
     ]
 
 
-def _about_exposure(priors: Priors) -> list[Finding]:
+def _about_exposure(priors: Priors) -> Iterator[Finding]:
     exposure = priors.statistics.get("changes", {}).get("exposure", 1.0)
     if exposure <= MUCH_EXPOSURE:
-        return []
-    return [
-        Finding(
-            "problem",
-            f"The exposure changes by {exposure - 1:.0%}; the scene has one brightness, a mean of all.",
-            "Lock the exposure while filming, or leave the frames where it changes out with --frames.",
-        )
-    ]
+        return
+    yield problem(
+        f"The exposure changes by {exposure - 1:.0%}; the scene has one brightness, a mean of all.",
+        "Lock the exposure while filming, or leave the frames where it changes out with --frames.",
+    )
 
 
-def _about_camera(priors: Priors) -> list[Finding]:
-    found = []
+def _about_camera(priors: Priors) -> Iterator[Finding]:
     if len(priors.frames) < FEW_FRAMES:
-        found.append(
-            Finding("problem", f"Only {len(priors.frames)} frames were used.", "Give a longer clip or a smaller step.")
-        )
+        yield problem(f"Only {len(priors.frames)} frames were used.", "Give a longer clip or a smaller step.")
     known = priors.statistics.get("cameras", {})
     registered, wanted = known.get("registered"), len(priors.frames)
     if registered is not None and registered < MIN_REGISTERED * wanted:
-        found.append(
-            Finding(
-                "problem",
-                f"Only {registered} of {wanted} frames found their camera by themselves; the others follow their neighbours.",
-                "Blurred or empty frames are the usual cause: leave them out with --frames, or give cameras with"
-                " --prior cameras=FILE.",
-                cause=CAMERAS,
-            )
+        yield problem(
+            f"Only {registered} of {wanted} frames found their camera by themselves; the others follow their neighbours.",
+            "Blurred or empty frames are the usual cause: leave them out with --frames, or give cameras with"
+            " --prior cameras=FILE.",
+            cause=CAMERAS,
         )
     error = known.get("reprojection_px", {}).get("median")
     if error is not None and error > MISSED_PX:
-        found.append(
-            Finding(
-                "problem",
-                f"The cameras miss the points they see by {error:.1f} px (median).",
-                "A rolling shutter, zoom or blur is the usual cause: give cameras with --prior cameras=FILE, and masks of what"
-                " moves with --masks DIR.",
-                cause=CAMERAS,
-            )
+        yield problem(
+            f"The cameras miss the points they see by {error:.1f} px (median).",
+            "A rolling shutter, zoom or blur is the usual cause: give cameras with --prior cameras=FILE, and masks of what"
+            " moves with --masks DIR.",
+            cause=CAMERAS,
         )
-    return found
 
 
-def _about_lens(priors: Priors) -> list[Finding]:
-    """Return the findings from the search for the focal length, where there was one (`statistics["cameras"]`)."""
+def _about_lens(priors: Priors) -> Iterator[Finding]:
+    """Yield the findings from the search for the focal length, where there was one (`statistics["cameras"]`)."""
     known = priors.statistics.get("cameras", {})
     search = known.get("pan_focal_search" if priors.camera_kind == "pan" else "focal_search", {})
     focals, errors = (np.array(search.get(name, []), np.float64) for name in ("focal_over_width", "error_px"))
     if len(focals) < 2 or not np.isfinite(errors).any():
-        return []
+        return
     equal = focals[errors <= (1 + EQUAL_FOCAL_ERROR) * np.nanmin(errors)]
     advice = "Where the lens is known, give cameras with --prior cameras=FILE."
     if equal.max() >= WIDE_FOCAL_RANGE * equal.min():
-        return [
-            Finding(
-                "note",
-                f"The pictures hardly tell the focal length: from {equal.min():.2g} to {equal.max():.2g} picture widths fit the"
-                f" tracks within {EQUAL_FOCAL_ERROR:.0%}; a wrong one stretches or flattens the depth.",
-                advice,
-            )
-        ]
+        yield note(
+            f"The pictures hardly tell the focal length: from {equal.min():.2g} to {equal.max():.2g} picture widths fit the"
+            f" tracks within {EQUAL_FOCAL_ERROR:.0%}; a wrong one stretches or flattens the depth.",
+            advice,
+        )
+        return
     best = focals[np.nanargmin(errors)]
     end = {focals.min(): "shortest", focals.max(): "longest"}.get(best)
     if end is None:
-        return []
-    return [
-        Finding(
-            "problem",
-            f"Of the focal lengths that were tried the {end}, {best:.2g} picture widths, fits best; the lens may be"
-            f" {'wider' if end == 'shortest' else 'longer'} than any of them.",
-            advice,
-        )
-    ]
+        return
+    yield problem(
+        f"Of the focal lengths that were tried the {end}, {best:.2g} picture widths, fits best; the lens may be"
+        f" {'wider' if end == 'shortest' else 'longer'} than any of them.",
+        advice,
+    )
 
 
-def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
-    found = []
+def _about_motion(priors: Priors, scaffold: Scaffold | None) -> Iterator[Finding]:
     fraction = moving_fraction(priors)
     if fraction > MUCH_MOTION:
         known = priors.statistics.get("cameras", {}).get("static_tracks")
         held = "" if not known or priors.camera_kind == "static" else f", and the cameras rest on {known} points of it"
-        found.append(
-            Finding(
-                "problem",
-                f"{fraction:.0%} of the picture counts as moving; the background is hardly seen{held}.",
-                "If that is wrong, give masks of what really moves with --masks DIR; otherwise film from further away.",
-            )
+        yield problem(
+            f"{fraction:.0%} of the picture counts as moving; the background is hardly seen{held}.",
+            "If that is wrong, give masks of what really moves with --masks DIR; otherwise film from further away.",
         )
     elif scaffold is None and fraction >= FitConfig.min_moving_fraction:
-        found.append(
-            Finding(
-                "problem",
-                f"{fraction:.2%} of the pixels count as moving, but too little of them can be followed, so the scene stands still.",
-                "Mark what moves with --masks DIR, or give tracks with --prior tracks=FILE.",
-                cause=MOVES,
-            )
+        yield problem(
+            f"{fraction:.2%} of the pixels count as moving, but too little of them can be followed, so the scene stands still.",
+            "Mark what moves with --masks DIR, or give tracks with --prior tracks=FILE.",
+            cause=MOVES,
         )
     elif scaffold is None:
-        found.append(
-            Finding(
-                "note",
-                f"Nothing was taken to move ({fraction:.2%} of the pixels), so the scene stands still.",
-                "If something does move, mark it with --masks DIR.",
-            )
+        yield note(
+            f"Nothing was taken to move ({fraction:.2%} of the pixels), so the scene stands still.",
+            "If something does move, mark it with --masks DIR.",
         )
     if priors.tracks_visible is not None:
-        found += _about_tracks(priors, has_motion=scaffold is not None)
+        yield from _about_tracks(priors, has_motion=scaffold is not None)
     if scaffold is not None and priors.depth is not None and priors.cameras is not None:
         covered = scaffold_coverage(priors, scaffold)
         if covered < MIN_COVERAGE:
-            found.append(
-                Finding(
-                    "problem",
-                    f"Only {covered:.0%} of the moving pixels lie near a motion node.",
-                    "Parts that were never tracked cannot be carried; masks (--masks DIR) and more frames help tracks survive.",
-                    cause=MOVES,
-                )
+            yield problem(
+                f"Only {covered:.0%} of the moving pixels lie near a motion node.",
+                "Parts that were never tracked cannot be carried; masks (--masks DIR) and more frames help tracks survive.",
+                cause=MOVES,
             )
-    return found
 
 
-def _about_tracks(priors: Priors, has_motion: bool) -> list[Finding]:
+def _about_tracks(priors: Priors, has_motion: bool) -> Iterator[Finding]:
     assert priors.tracks_visible is not None
     age = min(SURVIVAL_AGE, len(priors.frames) - 1)
     groups = [("points", np.ones(priors.tracks_visible.shape[1], bool))]
@@ -502,32 +450,25 @@ def _about_tracks(priors: Priors, has_motion: bool) -> list[Finding]:
     for name, chosen in groups:
         alive = track_survival(priors.tracks_visible[:, chosen])[age]
         if alive < MIN_SURVIVAL:
-            return [
-                Finding(
-                    "problem",
-                    f"Only {alive:.0%} of the {name} can be followed for {age} frames.",
-                    "Fast motion, blur and plain surfaces lose tracks: film slower or at a higher frame rate, or give tracks"
-                    " with --prior tracks=FILE.",
-                    cause=MOVES if name == "moving points" else "",
-                )
-            ]
-    return []
+            yield problem(
+                f"Only {alive:.0%} of the {name} can be followed for {age} frames.",
+                "Fast motion, blur and plain surfaces lose tracks: film slower or at a higher frame rate, or give tracks"
+                " with --prior tracks=FILE.",
+                cause=MOVES if name == "moving points" else "",
+            )
+            return
 
 
-def _about_depth(priors: Priors) -> list[Finding]:
+def _about_depth(priors: Priors) -> Iterator[Finding]:
     if priors.depth is None or priors.depth_confidence is None:
-        return []
-    found = []
+        return
     unmeasured = PATH if priors.camera_kind in ("static", "pan") else "depth"  # from one place nothing is measured
     unknown = float(np.mean(~np.isfinite(priors.depth)))
     if unknown > UNKNOWN_DEPTH:
-        found.append(
-            Finding(
-                "problem",
-                f"{unknown:.0%} of the pixels have no depth.",
-                "Give depth with --prior depth=DIR.",
-                cause=unmeasured,
-            )
+        yield problem(
+            f"{unknown:.0%} of the pixels have no depth.",
+            "Give depth with --prior depth=DIR.",
+            cause=unmeasured,
         )
     background = "The depth of the background"
     regions = {background: None if priors.mask is None else ~priors.mask, MOVING_DEPTH: priors.mask}
@@ -536,27 +477,21 @@ def _about_depth(priors: Priors) -> list[Finding]:
     for name, region in regions.items():
         values = priors.depth_confidence if region is None else priors.depth_confidence[region]
         if values.size and float(np.median(values)) < MIN_CONFIDENCE:
-            found.append(
-                Finding(
-                    "problem" if name == background else "note",
-                    f"{name} is a guess (median confidence {float(np.median(values)):.2f}).",
-                    "Give depth with --prior depth=DIR, for example from a depth sensor or a depth network.",
-                    cause=MOVING_DEPTH if name == MOVING_DEPTH else unmeasured,
-                )
+            yield Finding(
+                "problem" if name == background else "note",
+                f"{name} is a guess (median confidence {float(np.median(values)):.2f}).",
+                "Give depth with --prior depth=DIR, for example from a depth sensor or a depth network.",
+                cause=MOVING_DEPTH if name == MOVING_DEPTH else unmeasured,
             )
-    return found
 
 
-def _about_contradiction(priors: Priors) -> list[Finding]:
+def _about_contradiction(priors: Priors) -> Iterator[Finding]:
     if priors.statistics.get("cameras", {}).get("assumed"):
-        return []  # that is the problem, and it is reported already
+        return  # that is the problem, and it is reported already
     missed = contradiction(priors)
     if not missed > CONTRADICTION * priors.width:
-        return []
-    return [
-        Finding(
-            "problem",
-            f"Depth, cameras and tracks contradict each other: static points land {missed:.1f} px (median) beside their tracks.",
-            "One of them is wrong: leave out what was given with --prior, or give cameras and depth that belong together.",
-        )
-    ]
+        return
+    yield problem(
+        f"Depth, cameras and tracks contradict each other: static points land {missed:.1f} px (median) beside their tracks.",
+        "One of them is wrong: leave out what was given with --prior, or give cameras and depth that belong together.",
+    )

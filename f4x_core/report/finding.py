@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 MOVING_DEPTH = "The depth of what moves"
@@ -9,8 +10,8 @@ MOVING_DEPTH = "The depth of what moves"
 PATH, CAMERAS, MOVES, UNSEEN, ROOM, SCORE = "path", "cameras", "what moves", "unseen frames", "room", "score"
 """Causes: a camera path that cannot show it, wrong cameras, motion that is not followed, a scene that does not carry over to frames
 that were not used, too few Gaussians; `SCORE` is none, but a poor picture, for whatever cause."""
-ORDER = ("problem", "note", "good")
 Weight = Literal["problem", "note", "good"]
+ORDER: tuple[Weight, ...] = ("problem", "note", "good")
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,10 @@ class Finding:
     """Action or input that would help; empty when there is nothing to do."""
     cause: str = ""
     """Findings of one cause become one (`by_cause`); empty: it has its own."""
+
+
+problem, note, good = (partial(Finding, weight) for weight in ORDER)
+"""Make a finding of that weight: what is measured, then `advice` and `cause`."""
 
 
 def caused_by(cause: str, found: Iterable[Finding]) -> list[Finding]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..metrics.way_round import WayRound
 from ..priors import Priors
 from ..priors.camera_problem import static_tracks
 from ..scaffold import Scaffold
-from .finding import MOVING_DEPTH, PATH, Finding, Weight, caused_by
+from .finding import MOVING_DEPTH, PATH, Finding, Weight, caused_by, good, note, problem
 
 # Angle (degrees) between the outermost cameras at the median depth. Below the first nothing but the original view can be
 # believed, below the second only views close to the path.
@@ -74,79 +75,68 @@ def about_geometry(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
     return [*caused_by(PATH, path), *_about_bump(priors), *caused_by(MOVING_DEPTH, _about_movers(priors))]
 
 
-def _about_way_round(way: WayRound | None) -> list[Finding]:
+def _about_way_round(way: WayRound | None) -> Iterator[Finding]:
     if way is None:
-        return []
+        return
     if way.verdict == "sure":
-        return [Finding("good", f"Near and far are the right way round: {way.odds} by the evidence under Geometry.")]
+        yield good(f"Near and far are the right way round: {way.odds} by the evidence under Geometry.")
+        return
     if way.verdict == "likely":
-        return [
-            Finding(
-                "note",
-                f"Near and far are probably the right way round ({way.odds}); look at the views aside under Geometry.",
-                SIDEWAYS,
-            )
-        ]
-    return [
-        Finding(
-            "problem",
-            f"Near and far may be exchanged: the clip and its mirrored solution fit it about equally well ({way.odds} for the"
-            f" one chosen, {way.chosen}).",
+        yield note(
+            f"Near and far are probably the right way round ({way.odds}); look at the views aside under Geometry.",
             SIDEWAYS,
         )
-    ]
+        return
+    yield problem(
+        f"Near and far may be exchanged: the clip and its mirrored solution fit it about equally well ({way.odds} for the"
+        f" one chosen, {way.chosen}).",
+        SIDEWAYS,
+    )
 
 
-def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
-    """Return findings about the camera's motion: it must suffice to measure depth."""
+def _about_path(priors: Priors, geometry: ClipGeometry) -> Iterator[Finding]:
+    """Yield findings about the camera's motion: it must suffice to measure depth."""
     unknown = priors.statistics.get("cameras", {}).get("assumed")
     if unknown:
         taken = {"static": "stand still", "pan": "turn only"}.get(str(priors.camera_kind), "be as found")
-        return [
-            Finding(
-                "problem",
-                f"How the camera moved is not known, because {unknown}; it is taken to {taken}, and only the original view"
-                " can be believed.",
-                "Film with more of a still, textured background in view, mark what moves with --masks DIR, or give cameras with"
-                " --prior cameras=FILE.",
-            )
-        ]
+        yield problem(
+            f"How the camera moved is not known, because {unknown}; it is taken to {taken}, and only the original view"
+            " can be believed.",
+            "Film with more of a still, textured background in view, mark what moves with --masks DIR, or give cameras with"
+            " --prior cameras=FILE.",
+        )
+        return
     if priors.camera_kind == "static":
-        return [_about_standing(priors, geometry)]
+        yield _about_standing(priors, geometry)
+        return
     zoom = priors.statistics.get("cameras", {}).get("zoom")
     if priors.camera_kind == "pan" and zoom is not None:
-        return [
-            Finding(
-                "problem",
-                f"The lens zoomed during the clip ({zoom['factor']:.2f} times), and the camera only turned or stood still;"
-                " without parallax depth cannot be measured and new views stay close to the path.",
-                "Walk towards your subject or a step sideways instead of zooming, or give depth with --prior depth=DIR.",
-            )
-        ]
+        yield problem(
+            f"The lens zoomed during the clip ({zoom['factor']:.2f} times), and the camera only turned or stood still;"
+            " without parallax depth cannot be measured and new views stay close to the path.",
+            "Walk towards your subject or a step sideways instead of zooming, or give depth with --prior depth=DIR.",
+        )
+        return
     if priors.camera_kind == "pan":
-        return [
-            Finding(
-                "problem",
-                "The camera only turned; without parallax depth cannot be measured and new views stay close to the path.",
-                "Walk a step sideways instead of turning on the spot, or give depth with --prior depth=DIR.",
-            )
-        ]
+        yield problem(
+            "The camera only turned; without parallax depth cannot be measured and new views stay close to the path.",
+            "Walk a step sideways instead of turning on the spot, or give depth with --prior depth=DIR.",
+        )
+        return
     angle, seen = geometry.parallax, ""
     if geometry.static_degrees is not None:
         seen = f"; a point of the background is seen from {geometry.static_degrees[0]:.1f}° (median)"
     if angle < LITTLE_PARALLAX:
-        return [
-            Finding(
-                "problem",
-                f"The camera moved very little: {angle:.1f}° between its outermost places{seen}.",
-                "Move the camera sideways by about a tenth of the distance to your subject, or give depth with"
-                " --prior depth=DIR.",
-            )
-        ]
+        yield problem(
+            f"The camera moved very little: {angle:.1f}° between its outermost places{seen}.",
+            "Move the camera sideways by about a tenth of the distance to your subject, or give depth with"
+            " --prior depth=DIR.",
+        )
+        return
     advice = "A wider path makes wider views possible." if angle < MODEST_PARALLAX else ""
     # A path that rests on the little that stands still may be that of something that moves.
     weight: Weight = "note" if advice or moving_fraction(priors) > MUCH_MOTION else "good"
-    return [Finding(weight, f"The camera's path spans {angle:.0f}° of the scene{seen}.", advice)]
+    yield Finding(weight, f"The camera's path spans {angle:.0f}° of the scene{seen}.", advice)
 
 
 def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
@@ -174,23 +164,20 @@ def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
     )
 
 
-def _about_bump(priors: Priors) -> list[Finding]:
-    """Return a camera that rests but for a few frames."""
+def _about_bump(priors: Priors) -> Iterator[Finding]:
+    """Yield a camera that rests but for a few frames."""
     steps, unit = _track_steps(priors), priors.width / 480
     if not len(steps) or np.isnan(steps).all() or np.nanmedian(steps) > RESTS_PX * unit:
-        return []
+        return
     bumped = np.flatnonzero(steps > BUMP_PX * unit)
     if not 0 < len(bumped) <= max(1, BUMPED_FRAMES * len(steps)):
-        return []
+        return
     first, last = int(priors.frames[bumped[0] + 1]), int(priors.frames[bumped[-1] + 1])
     when = f"at frame {first}" if first == last else f"between frames {first} and {last}"
-    return [
-        Finding(
-            "problem",
-            f"The camera was bumped {when}: the picture jumps by up to {np.nanmax(steps):.0f} px there and rests otherwise.",
-            "What is blurred there stays blurred: fit the frames before or after it alone with --frames.",
-        )
-    ]
+    yield problem(
+        f"The camera was bumped {when}: the picture jumps by up to {np.nanmax(steps):.0f} px there and rests otherwise.",
+        "What is blurred there stays blurred: fit the frames before or after it alone with --frames.",
+    )
 
 
 def _track_steps(priors: Priors) -> np.ndarray:
@@ -204,29 +191,26 @@ def _track_steps(priors: Priors) -> np.ndarray:
     return steps
 
 
-def _about_translation(priors: Priors) -> list[Finding]:
-    """Return a step so small that its size rests on a prior."""
+def _about_translation(priors: Priors) -> Iterator[Finding]:
+    """Yield a step so small that its size rests on a prior."""
     translation = priors.statistics.get("cameras", {}).get("translation", {})
     if translation.get("verdict") != "small" or priors.camera_kind != "moving":
-        return []
+        return
     size = translation.get("size_px")
     by = f" by only {size:.1f} px" if size is not None else " hardly"
-    return [
-        Finding(
-            "note",
-            f"The camera's shift moves the picture{by} beyond what its turning does, so depth is rough.",
-            "Walk a step sideways instead of turning on the spot.",
-        )
-    ]
+    yield note(
+        f"The camera's shift moves the picture{by} beyond what its turning does, so depth is rough.",
+        "Walk a step sideways instead of turning on the spot.",
+    )
 
 
-def _about_believed(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
-    """Return a finding about the angle from the path up to which views can be believed."""
+def _about_believed(priors: Priors, geometry: ClipGeometry) -> Iterator[Finding]:
+    """Yield a finding about the angle from the path up to which views can be believed."""
     believed = geometry.believed
     if believed is None:
-        return []
+        return
     weight: Weight = "good" if min(believed.static, believed.moving or believed.static) >= WIDE_VIEWS else "note"
-    return [Finding(weight, believed_sentence(believed))]
+    yield Finding(weight, believed_sentence(believed))
 
 
 def believed_sentence(believed: Believed) -> str:
@@ -251,11 +235,11 @@ GUESSED_FROM = {
 """Source of a moving object's depth (`priors.movers.place_objects`) other than `MEASURED` -> the same in a sentence."""
 
 
-def _about_movers(priors: Priors) -> list[Finding]:
-    """Finding that names what decided the depth of the moving objects."""
+def _about_movers(priors: Priors) -> Iterator[Finding]:
+    """Yield a finding that names what decided the depth of the moving objects."""
     decided = origins_of_moving_depth(priors)
     if not decided:
-        return []
+        return
     several = sum(decided.values()) > 1
     guesses = [
         GUESSED_FROM.get(origin, origin) + (f" ({count})" if several else "")
@@ -266,7 +250,7 @@ def _about_movers(priors: Priors) -> list[Finding]:
     ways += [f"measured by {MEASURED}" + (f" ({decided[MEASURED]})" if several else "")] * (MEASURED in decided)
     unseen = "surroundings" in decided
     advice = "Keep feet or wheels in the picture, or give depth with --prior depth=DIR." if unseen else ""
-    return [Finding("note", f"{MOVING_DEPTH} is {', and '.join(ways)}.", advice)]
+    yield note(f"{MOVING_DEPTH} is {', and '.join(ways)}.", advice)
 
 
 def origins_of_moving_depth(priors: Priors) -> Counter[str]:

@@ -13,10 +13,10 @@ from .model import Scene
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """N dynamic Gaussians, float32."""
+    """N dynamic Gaussians where the scaffold has carried them, float32."""
 
     means: np.ndarray
-    """(N,3)."""
+    """(N,3) centres."""
     quats: np.ndarray
     """(N,4) wxyz."""
     turns: np.ndarray

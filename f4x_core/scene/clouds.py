@@ -81,6 +81,11 @@ class Cloud:
         )
 
     @property
+    def shape(self) -> Splats:
+        """The Gaussians in their object's frame without their colours."""
+        return Splats(self.means, self.quats, self.scales, self.opacities)
+
+    @property
     def places(self) -> np.ndarray:
         """(N,3) float64 centres in the world."""
         return self.means @ self.to_world[:3, :3].T + self.to_world[:3, 3]

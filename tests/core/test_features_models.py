@@ -173,9 +173,8 @@ def test_prompting_a_frame_again_forgets_its_first_prompt(levels, bypass):
     masks.prompt(1, points=[[3, 4]])
     found, expected = (one.prompt(1, points=[[20, 20]]) for one in (masks, fresh))
     assert np.abs(found - expected).max() <= 1e-5
-    masks.reset()
     with pytest.raises(F4xError, match="Nothing is prompted"):
-        next(masks.propagate())
+        next(decoder(bypass, levels).propagate())
 
 
 def test_a_second_prompted_frame_changes_the_frames_between(levels, bypass):
@@ -224,39 +223,6 @@ def test_teachers_give_the_pyramid_that_their_spec_promises(tiny, levels):
         assert spec.name == head
         assert spec.provenance["model"] == "sam2"
         assert np.array_equal(levels[head][3].reshape(-1, spec.dim), pyramid[level][:, 0].numpy())
-
-
-def test_the_decoder_alone_is_saved_and_read_back(tmp_path, tiny, levels, bypass):
-    sam2.save_decoder(bypass, tmp_path / "decoder")
-    again = sam2.load_sam2(tmp_path / "decoder")
-    names = set(dict(again.named_parameters()))
-    assert not [name for name in names if name.startswith("vision_encoder")]
-    assert names == set(dict(bypass.named_parameters()))
-    prompt = PROMPTS["points"]
-    found, expected = (decoder(model, levels).prompt(0, **prompt) for model in (again, bypass))
-    assert np.abs(found - expected).max() <= 1e-5
-
-
-def test_everything_comes_from_features_alone(levels, bypass, calls):
-    masks = decoder(bypass, levels, size=(48, 64))
-    config = sam2.EverythingConfig(points_per_side=6, batch=10, quality=0.0, stability=0.0, overlap=0.6)
-    found = masks.everything(1, config)
-    assert calls.sam2 == 0
-    assert found.shape[1:] == (48, 64)
-    assert 1 <= len(found) <= 6 * 6 * 3
-    assert (found.sum((1, 2)) > 0).all()
-    strict = masks.everything(1, sam2.EverythingConfig(points_per_side=6, quality=1.1))
-    assert strict.shape == (0, 48, 64)
-    assert len(masks.everything(1, sam2.EverythingConfig(6, 10, 0.0, 0.0, overlap=0.2))) < len(found)
-
-
-def test_suppression_keeps_the_better_of_two_overlapping_masks():
-    masks = torch.zeros(4, 10, 10, dtype=torch.bool)
-    masks[0, :4], masks[1, :5], masks[2, 6:], masks[3, :2] = True, True, True, True  # 40, 50, 40, 20 cells
-    scores = torch.tensor([0.5, 0.9, 0.1, 0.8])
-    assert sam2.suppress(masks, scores, overlap=0.7) == [1, 3, 2]  # 40 of 50 with the best: dropped; 20 of 50: kept
-    assert sam2.suppress(masks, scores, overlap=0.85) == [1, 3, 0, 2]
-    assert sam2.suppress(masks[:0], scores[:0], 0.5) == []
 
 
 def test_features_of_another_shape_are_refused(levels, bypass):

@@ -19,7 +19,7 @@ from f4x_core.fit.linear_config import LinearConfig
 from f4x_core.geometry.camera import Camera
 from f4x_core.geometry.splats import Splats
 from f4x_core.raster import RasterConfig, rasterize
-from f4x_core.raster.rays import CYCLES_FILTER, RayConfig, filter_weights, filtered_rays, rasterize_rays, reference_rays
+from f4x_core.raster.rays import CYCLES_FILTER, RayConfig, filter_weights, filtered_rays, project, rasterize_rays
 from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.foreign import open_any
 from f4x_core.scene.formats import export
@@ -51,6 +51,34 @@ def cloud(count=80, seed=0, thin=1.0, near=1.0):
     arrays = means, rng.normal(size=(count, 4)), scales, rng.uniform(0.05, 1, count)
     splats = Splats(*(torch.from_numpy(array.astype(np.float32)) for array in arrays))
     return splats, torch.from_numpy(rng.uniform(0, 1, (count, 3)).astype(np.float32))
+
+
+def reference_rays(splats, colors, camera, config):
+    """Composite along rays in float64, plainly: (H,W,4). Slow: every Gaussian meets every ray. Differentiable by autograd."""
+    seen = project(splats.map(torch.Tensor.double), camera, config)
+    k, colors = torch.as_tensor(camera.intrinsics), torch.cat((colors.double(), torch.ones(len(colors), 1)), 1)
+    origin = -torch.einsum("nij,nj->ni", seen.whiten, seen.means)
+    rows = []
+    for y in range(camera.height):
+        x = (torch.arange(camera.width, dtype=torch.float64) + 0.5 - k[0, 2]) / k[0, 0]
+        rays = torch.stack((x, torch.full_like(x, float((y + 0.5 - k[1, 2]) / k[1, 1])), torch.ones_like(x)), 1)
+        along = torch.einsum("nij,wj->wni", seen.whiten, rays)
+        square = (along**2).sum(-1)
+        depth = -torch.einsum("wni,ni->wn", along, origin) / square
+        off = torch.linalg.cross(origin.expand_as(along), along)
+        alpha = (seen.opacities * torch.exp(-0.5 * (off**2).sum(-1) / square)).clamp_max(0.9999)
+        away = torch.linalg.cross(seen.means.expand(len(x), -1, -1), rays[:, None].expand(-1, len(colors), -1)).norm(
+            dim=-1
+        )
+        inside = away <= seen.radii * rays.norm(dim=1)[:, None]
+        alpha = torch.where(inside & (depth > config.near) & (seen.means[:, 2] > config.near), alpha, 0.0)
+        alpha = torch.where(alpha >= config.alpha_min, alpha, 0.0)
+        order = depth.argsort(dim=1, stable=True)
+        alpha = alpha.gather(1, order)
+        left = torch.cumprod(1 - alpha, 1)
+        left = torch.cat((torch.ones_like(x)[:, None], left[:, :-1]), 1)
+        rows.append(torch.einsum("wn,wnc->wc", alpha * left, colors[order]))
+    return torch.stack(rows)
 
 
 CLOUDS = {"plain": {}, "needles": {"thin": 0.01}, "near": {"near": 0.03}, "many": {"count": 400, "seed": 1}}

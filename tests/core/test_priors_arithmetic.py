@@ -5,13 +5,13 @@ import pytest
 
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.geometry.quaternion import angles_between
 from f4x_core.priors.bundle import _Problem
 from f4x_core.priors.contact import growth
 from f4x_core.priors.depth import _confidence, below_horizon, ground_prior
 from f4x_core.priors.flow import pixel_grid
 from f4x_core.priors.folder import Priors
 from f4x_core.priors.motion import THRESHOLD_LIFT, find_threshold
-from f4x_core.priors.own_motion import _angles
 
 
 def test_ground_is_below_the_horizon_through_any_lens():
@@ -30,7 +30,7 @@ def test_ground_is_below_the_horizon_through_any_lens():
 def test_angles_between_rotations():
     turns = np.array([0.1, 1.0, 3.0])
     turned = quaternion.to_matrix(quaternion.from_rotation_vector(np.outer(turns, [0.6, 0, 0.8])))
-    np.testing.assert_allclose(_angles(turned, np.tile(np.eye(3), (3, 1, 1))), turns, rtol=1e-9)
+    np.testing.assert_allclose(angles_between(turned, np.tile(np.eye(3), (3, 1, 1))), turns, rtol=1e-9)
 
 
 def test_otsus_threshold_parts_two_heaps():

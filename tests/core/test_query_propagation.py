@@ -1,4 +1,4 @@
-"""Masks that travel by votes, regions that stand out, and the grids below them, against loops over cells."""
+"""Masks that travel by votes, connected regions, and the grids below them, against loops over cells."""
 
 import math
 
@@ -12,10 +12,9 @@ from f4x_core.query.segmentation import (
     UNCERTAIN,
     FeaturePropagation,
     PropagationConfig,
-    blur,
     connected_regions,
-    kinds_of,
     shrink,
+    sums_around,
     windows,
 )
 
@@ -162,26 +161,6 @@ def test_shrinking_is_the_mean_over_cells(grid):
     np.testing.assert_allclose(shrink(values[..., 0], grid), expected[..., 0], atol=1e-5)
 
 
-def blur_by_loops(cells):
-    padded = np.pad(cells, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    total = np.array([[padded[y : y + 3, x : x + 3].sum((0, 1)) for x in range(cells.shape[1])]
-                      for y in range(cells.shape[0])])  # fmt: skip
-    return total / np.linalg.norm(total, axis=-1, keepdims=True)
-
-
-def kinds_by_loops(cells, kinds):
-    flat = cells.reshape(-1, cells.shape[-1])
-    centres = [flat.mean(0)]
-    for _ in range(kinds):
-        centres.append(flat[min(range(len(flat)), key=lambda i: max(flat[i] @ known for known in centres))])
-    table = centres[1:]
-    for _ in range(segmentation.ROUNDS):
-        kind = np.array([max(range(kinds), key=lambda k: row @ table[k]) for row in flat])
-        sums = [flat[kind == k].sum(0) for k in range(kinds)]
-        table = [total / max(np.linalg.norm(total), 1e-12) for total in sums]
-    return kind.reshape(cells.shape[:2])
-
-
 def regions_by_loops(kind):
     """The number of a region is that of its first cell, row by row."""
     number = np.full(kind.shape, -1)
@@ -196,58 +175,12 @@ def regions_by_loops(kind):
     return number
 
 
-def everything_by_loops(cells, config, size):
-    regions = []
-    for parts in config.parts:
-        numbers = regions_by_loops(kinds_by_loops(blur_by_loops(cells), parts))
-        regions += [numbers == number for number in sorted(set(numbers.ravel().tolist()))]
-    regions = sorted((region for region in regions if region.sum() >= config.min_cells), key=lambda r: -r.sum())
-    chosen = []
-    for region in regions:
-        if all((region & other).sum() <= config.overlap * (region | other).sum() for other in chosen):
-            chosen.append(region)
-    return [bilinear(region.astype(float), size) > 0.5 for region in chosen]
-
-
 @pytest.mark.parametrize("seed", range(3))
-def test_blur_and_kinds_and_regions_by_loops(monkeypatch, seed):
+def test_sums_around_and_regions_by_loops(seed):
     random = np.random.default_rng(seed)
-    monkeypatch.setattr(segmentation, "ROUNDS", 2 + seed)
-    cells = random.normal(size=(6, 9, 2))  # neighbours that cancel out: short sums
-    np.testing.assert_allclose(blur(0.1 * cells), blur_by_loops(cells), atol=1e-9)
-    for kinds in (2, 4):
-        np.testing.assert_array_equal(kinds_of(0.05 * cells, kinds), kinds_by_loops(0.05 * cells, kinds))
+    cells = random.normal(size=(6, 9, 2))
+    padded = np.pad(cells, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    for y, x in np.ndindex(6, 9):
+        np.testing.assert_allclose(sums_around(cells)[y, x], padded[y : y + 3, x : x + 3].sum((0, 1)), atol=1e-9)
     kind = random.integers(0, 2, (9, 14))
     np.testing.assert_array_equal(connected_regions(kind), regions_by_loops(kind))
-
-
-@pytest.mark.parametrize(
-    "settings", [{}, {"parts": (2, 5), "min_cells": 3, "overlap": 0.5}, {"parts": (3,), "min_cells": 12}]
-)
-def test_everything_by_loops(settings):
-    """On pictures with half as many pixels as the grid has cells: the outline is just on pixels' centres at places."""
-    grid, size, config = (8, 12), (4, 6), PropagationConfig(**settings)
-    some = 0
-    for seed in range(4):
-        cells = np.random.default_rng(seed).normal(size=(*grid, 3)).repeat(2, 0)[: grid[0]]
-        found = FeaturePropagation(lambda t, cells=cells: cells, 1, size, config).everything(0)
-        expected = everything_by_loops(unit(cells), config, size)
-        assert len(found) == len(expected)
-        np.testing.assert_array_equal(found, np.reshape(expected, (-1, *size)))
-        some += len(expected)
-    assert some > 4
-
-
-def test_regions_that_overlap_just_enough_and_are_just_large_enough(monkeypatch):
-    """Kinds that are given: strips of 6 and 3 cells in 6 share 3 of 6."""
-    strips = {2: [[0] * 6 + [1] * 3], 3: [[0] * 3 + [1] * 6]}
-    monkeypatch.setattr(segmentation, "kinds_of", lambda cells, kinds: np.array(strips[kinds]))
-
-    def sizes(overlap, least):
-        config = PropagationConfig(parts=(2, 3), overlap=overlap, min_cells=least)
-        return FeaturePropagation(lambda t: np.ones((1, 9, 2)), 1, (1, 9), config).everything(0).sum((1, 2)).tolist()
-
-    assert sizes(0.5, 3) == [6, 6, 3, 3] and sizes(0.49, 3) == [6, 6]
-    assert sizes(0.3, 6) == [6] and sizes(0.5, 4) == [6, 6] and sizes(0.5, 6) == [6, 6] and sizes(0.5, 7) == []
-    nothing = FeaturePropagation(lambda t: np.ones((1, 9, 2)), 1, (2, 9), PropagationConfig(parts=(2,), min_cells=10))
-    assert nothing.everything(0).shape == (0, 2, 9)

@@ -10,9 +10,7 @@ from f4x_core.query.segmentation import (
     BLOCK,
     FeaturePropagation,
     PropagationConfig,
-    connected_regions,
     enlarge,
-    kinds_of,
     shifted,
     shrink,
     windows,
@@ -106,18 +104,11 @@ def test_extreme_prompts_still_answer(masks, prompt):
     assert np.isfinite(masks.prompt(0, **prompt)).all()
 
 
-def test_everything_finds_the_disc(masks):
-    found = masks.everything(0)
-    assert found.shape[1:] == SIZE
-    assert max(overlap(mask, picture(disc(0))) for mask in found) > 0.8
-    assert (np.diff(found.sum((1, 2))) <= 40).all()  # largest first, up to the rounding of the outline
-
-
 def test_refusals(masks):
     with pytest.raises(F4xError, match="Nothing is prompted yet"):
         next(masks.propagate())
     with pytest.raises(F4xError, match="There is no frame 9"):
-        masks.everything(9)
+        masks.prompt(9, points=[[1, 5]])
     with pytest.raises(F4xError, match="lies outside the picture of 120 x 80"):
         masks.prompt(0, points=[[121, 5]])
 
@@ -156,24 +147,6 @@ def test_a_random_walk_solves_its_equations():
                 moved = found.astype(float)
                 moved[index] += step
                 assert energy(moved) > least
-
-
-def test_connected_regions_are_scipys():
-    kind = np.random.default_rng(2).integers(0, 3, (25, 31))
-    found = connected_regions(kind)
-    expected = np.zeros_like(found)
-    for value in range(3):
-        label, _ = ndimage.label(kind == value)
-        expected += np.where(label > 0, label + 1000 * value, 0)
-    pairs = set(zip(found.ravel().tolist(), expected.ravel().tolist(), strict=True))
-    assert len(pairs) == len(np.unique(found)) == len(np.unique(expected))
-
-
-def test_kinds_tell_looks_apart():
-    kind = np.arange(200).reshape(10, 20) % 3
-    cells = LOOKS[kind] / np.linalg.norm(LOOKS, axis=1)[kind][..., None]
-    found = kinds_of(cells, 3)
-    assert len(set(zip(kind.ravel().tolist(), found.ravel().tolist(), strict=True))) == 3
 
 
 def test_windows_hold_a_block_and_what_is_around_it():

@@ -86,12 +86,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Any, mod
         inverse = guess_far + (relative - far) / max(near - far, 1e-9) * (guess_near - guess_far)
         confidence = np.full(relative.shape, GUESS, np.float32)
     depth = 1 / np.maximum(inverse, np.median(inverse) / MAX_DEPTH)
-    unit = 1.0
-    if priors.provenance.get("cameras", {}).get("provider") not in ("user", "files"):
-        unit = float(np.median(depth))
-        priors.cameras = priors.cameras.scaled_world(1 / unit)
-    priors.depth = (depth / unit).astype(np.float32)
-    priors.depth_confidence = confidence.astype(np.float16)
+    priors.store_depth(depth, confidence, float(np.median(depth)))
     priors.statistics["depth"]["model"] = network.weights.name
 
 

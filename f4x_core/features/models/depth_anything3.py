@@ -116,14 +116,10 @@ def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pr
         if np.isnan(scale).all():
             scale[:] = _extent(priors.cameras.centers) / max(_extent(views.poses()[1]), 1e-9)
     depth = scale[:, None, None] / inverse
-    unit = 1.0
-    if priors.provenance.get("cameras", {}).get("provider") not in ("user", "files"):
-        unit = float(np.median(depth))
-        priors.cameras = priors.cameras.scaled_world(1 / unit)
     trust = np.where(np.isnan(difference), GUESS, TRUST * np.exp(-difference / AGREEMENT))
     confidence = np.clip(confidence * trust[:, None, None], 0, 1)
-    priors.depth = (depth / unit).astype(np.float32)
-    priors.depth_confidence = confidence.astype(np.float16)
+    priors.store_depth(depth, confidence, float(np.median(depth)))
+    assert priors.depth is not None
     priors.statistics["depth"] = {
         "model": name,
         "difference_to_tracks": None if np.isnan(difference).all() else round(float(np.nanmedian(difference)), 4),

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -109,43 +108,15 @@ def sine_position_encoding(channels: int, height: int, width: int) -> torch.Tens
 
 
 def load_sam2(model: str | Path | None = None) -> FeatureSam2:
-    """Return everything of SAM 2 behind the encoder, from a full checkpoint or from a folder of `save_decoder`.
+    """Return everything of SAM 2 behind the encoder, from a full checkpoint or what `save_pretrained` wrote of one.
 
     It must be of the variant that the teacher used: `FeatureSpec.provenance["model"]` says which.
     """
     return load(FeatureSam2, find(DEFAULT, model))
 
 
-def save_decoder(model: FeatureSam2, folder: str | Path) -> None:
-    """Write the non-encoder part (47 MB) to `folder`, to travel beside a scene; `load_sam2` reads it."""
-    try:
-        model.save_pretrained(folder)
-    except OSError as error:
-        raise F4xError(f"{folder}: the SAM 2 decoder cannot be written ({error.strerror or error}).") from error
-
-
-@dataclass(frozen=True)
-class EverythingConfig:
-    """Masks without a prompt: a grid of points, and which of their masks stay (SAM's automatic mask generator)."""
-
-    points_per_side: int = 32
-    """Points along each side of the picture."""
-    batch: int = 64
-    """Points decoded at once."""
-    quality: float = 0.8
-    """Least overlap with the truth that the model predicts for a mask of its own."""
-    stability: float = 0.95
-    """Least overlap of the masks cut at logits +offset and -offset."""
-    offset: float = 1.0
-    """Shift of the cut by which stability is measured."""
-    overlap: float = 0.7
-    """Largest intersection over union of two masks that are both kept; of others the better one stays."""
-    min_pixels: int = 25
-    """Smaller masks (pixels of the picture) are dropped."""
-
-
 class Sam2MaskDecoder:
-    """Masks of one object through a video, or of everything on a frame, from feature maps (`query.segmentation.MaskDecoder`).
+    """Masks of one object through a video, from feature maps (`query.segmentation.MaskDecoder`).
 
     `features(t)` gives the `sam2` map (64,64,256) of frame t in [0, count), rendered or extracted; `skips(t)` the maps of
     `sam2_s0` (256,256,32) and `sam2_s1` (128,128,64), zeros without it. `size (H, W)` are the pictures of prompts and logits.
@@ -193,7 +164,7 @@ class Sam2MaskDecoder:
         return self._logits(shown[t])
 
     def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
+        """Yield every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
         if not self._prompts:
             raise F4xError("Nothing is prompted yet: give points, a box or a mask on some frame first.")
         start = min(self._prompts)
@@ -205,53 +176,6 @@ class Sam2MaskDecoder:
             if output.frame_idx != start:
                 yield output.frame_idx, self._logits(output.pred_masks)
                 self._use()
-
-    def reset(self) -> None:
-        """Forget all prompts."""
-        self._prompts, self._session = {}, None
-
-    def everything(self, t: int, config: EverythingConfig | None = None) -> np.ndarray:
-        """Return the masks (n,H,W) bool of whatever stands out on frame `t`, best first, from its features alone."""
-        check_frame(t, self.count)
-        config = config or EverythingConfig()
-        *skips, coarse = (level[None] for level in self._maps(t))
-        coarse = coarse + self.model.no_memory_embedding.reshape(1, -1, 1, 1)
-        steps = (torch.arange(config.points_per_side) + 0.5) / config.points_per_side * self.model.image_size
-        points = torch.cartesian_prod(steps, steps).reshape(1, -1, 1, 2)  # (1,P,1,2)
-        kept: list[torch.Tensor] = []
-        scores: list[torch.Tensor] = []
-        with torch.inference_mode(), memory_guard(f"{config.batch} masks at once"):
-            for batch in points.split(config.batch, dim=1):
-                masks, quality = self._decode(coarse, skips, batch)  # (n,h,w), (n,)
-                inner, outer = ((masks > shift).sum((1, 2)) for shift in (config.offset, -config.offset))
-                stable = inner / outer.clamp(min=1)
-                good = (quality >= config.quality) & (stable >= config.stability)
-                kept.append(masks[good])
-                scores.append(quality[good])
-            masks, quality = torch.cat(kept), torch.cat(scores)
-            smallest = config.min_pixels / (self.size[0] * self.size[1])
-            large = (masks > 0).float().mean((1, 2)) >= smallest
-            masks, quality = masks[large], quality[large]
-            chosen = suppress(masks > 0, quality, config.overlap)
-            if not len(chosen):
-                return np.zeros((0, *self.size), bool)
-            return np.stack([self._logits(masks[index][None, None]) > 0 for index in chosen])
-
-    def _decode(
-        self, coarse: torch.Tensor, skips: list[torch.Tensor], points: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the logits (3P,h,w) and predicted quality (3P,) of the three masks for each of `points (1,P,1,2)`."""
-        labels = torch.ones(points.shape[:3], dtype=torch.int32)
-        sparse, dense = self.model.get_prompt_embeddings(input_points=points, input_labels=labels)
-        masks, quality, _, _ = self.model.mask_decoder(
-            image_embeddings=coarse,
-            image_positional_embeddings=self.model.get_image_wide_positional_embeddings(),
-            sparse_prompt_embeddings=sparse,
-            dense_prompt_embeddings=dense,
-            multimask_output=True,
-            high_resolution_features=skips,
-        )  # (1,P,3,h,w), (1,P,3)
-        return masks.flatten(0, 2), quality.flatten()
 
     def _new_session(self) -> Any:
         self._use()
@@ -309,17 +233,3 @@ class Sam2MaskDecoder:
         """Return (H,W) float32 from (1,1,h,w)."""
         full = functional.interpolate(masks.float(), self.size, mode="bilinear", align_corners=False)
         return full[0, 0].numpy()
-
-
-def suppress(masks: torch.Tensor, scores: torch.Tensor, overlap: float) -> list[int]:
-    """Return the indices of `masks (n,h,w) bool`, best `scores (n,)` first, that overlap no better one by more than `overlap`."""
-    flat = masks.flatten(1).float()
-    area = flat.sum(1)
-    chosen: list[int] = []
-    for index in torch.argsort(scores, descending=True, stable=True).tolist():
-        if chosen:
-            shared = flat[chosen] @ flat[index]
-            if (shared > overlap * (area[chosen] + area[index] - shared)).any():
-                continue
-        chosen.append(index)
-    return chosen

@@ -46,7 +46,7 @@ Mixing = Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
 
 
 def values_only(queries: torch.Tensor, keys: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
-    """Every patch keeps its own value."""
+    """Let every patch keep its own value."""
     return values
 
 

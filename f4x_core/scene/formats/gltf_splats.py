@@ -114,7 +114,7 @@ class _GltfFile:
         self.parts: dict[int, Splats] = {}
 
     def splat_primitives(self) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
-        """Each primitive of splats below the file's scene, with the 4x4 matrix of its node to the world."""
+        """Yield each primitive of splats below the file's scene, with the 4x4 matrix of its node to the world."""
         nodes = self.document.get("nodes", [])
         if len(nodes) > MAX_NODES:
             raise F4xError(f"it has {len(nodes):,} nodes; more than {MAX_NODES:,} is {OWN_LIMIT}; export a PLY")

@@ -44,7 +44,7 @@ class Skin:
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (nodes (J,) that are used, joint (V,8), weight (V,8) float32 with sum 1) of a linear blend.
 
-        A vertex follows the nodes with its largest weights; joint J is one that stays put and gets what strength leaves.
+        A vertex follows the nodes with its largest weights. Joint number J does not move and has the weight `1 - strength`.
         """
         weight = np.concatenate([self.weight * self.strength[:, None], 1 - self.strength[:, None]], axis=1)
         node = np.concatenate([self.node, np.full((len(self.node), 1), -1)], axis=1)
