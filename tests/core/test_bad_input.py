@@ -31,7 +31,7 @@ from f4x_core.errors import Cancelled, F4xError
 from f4x_core.features.teachers import require_ready
 from f4x_core.fit import config as fit_config
 from f4x_core.fit import pipeline
-from f4x_core.priors import Priors, cameras, sfm
+from f4x_core.priors import Priors, sfm, structure
 from f4x_core.scene import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -275,7 +275,7 @@ def test_a_camera_solver_that_fails_or_is_absent_is_done_without(tmp_path, capsy
         asked.append(command)
         return subprocess.CompletedProcess(command, 1, "", "No module named 'pycolmap'")
 
-    monkeypatch.setattr(cameras, "MAX_ERROR_PX", 0.0)  # as if all frames at once led nowhere
+    monkeypatch.setattr(structure, "MAX_ERROR_PX", 0.0)  # as if all frames at once led nowhere
     monkeypatch.setattr(sfm.subprocess, "run", absent)
     assert main(["priors", str(clip), "-o", str(tmp_path / "out"), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
