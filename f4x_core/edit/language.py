@@ -114,6 +114,10 @@ def parse(
     if read.clauses:
         _ask_before_removing(read)
         return read.operations
+    if other := _INSTEAD.fullmatch(sentence):
+        begins = tokenise(other["done"])[0].text
+        if begins in IMPERATIVES and not read.only_then:
+            return parse(replace(request, sentence=other["done"]), copies=copies, earlier=other["not_done"])
     reason = _SHOWN_ONLY_THEN if read.only_then else read.reason or reason_of(NO_EDIT, read.reading)
     if not reason:
         _ask_to_leave_out(sentence, known, settled)
@@ -121,6 +125,12 @@ def parse(
     raise Refusal(reason, nearest(sentence, request.labels))
 
 
+_INSTEAD = re.compile(
+    r"(?:do not|don't|never) (?P<not_done>[^,.;:]+)[,.;:]+ *(?:(?:but|just|instead|rather|only) )*"
+    r"(?P<done>(?:(?!\b(?:or|nor|and|not|never|don't)\b).)+)",
+    re.IGNORECASE,
+)
+"""A command that is not meant, and the one that is: "don't remove him, hide him"."""
 _NO_COMMAND = "No command fits that; name a thing and what is to become of it, for example 'make the dog red'."
 
 
@@ -447,6 +457,7 @@ def _whom(
     if "who" not in piece and ((use.whole and not context.selected) or nobody or "besides" in piece):
         context.last = All()
     context.overall = context.overall or use.whole or use.timed or of_clip
+    context.sparing = piece.get("spares")
     who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
     assumed = who is None
     context.last = context.last or who

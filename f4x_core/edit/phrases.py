@@ -71,6 +71,8 @@ if TYPE_CHECKING:
 
 HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
+EDGE = 1 / 3
+"""Fraction of a clip that "at the end" means at most."""
 
 
 @dataclass
@@ -95,6 +97,8 @@ class SentenceContext(Clip):
     """"Overall" is said: "it" is the picture where nothing was named."""
     spared: list[SelectKind] = field(default_factory=list)
     """Selections that are to stay as they are."""
+    sparing: Who | None = None
+    """Whom the command that is read leaves as they are."""
     complaints: list[Change] = field(default_factory=list)
     """Operations that would help against the complaint of the sentence."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
@@ -104,6 +108,11 @@ class SentenceContext(Clip):
     def present(self) -> int:
         """The clip frame through which "the left one" is seen."""
         return min(max(round(self.frame), 0), self.frames - 1)
+
+    @property
+    def edge(self) -> float:
+        """Frames of "at the beginning" and "at the end": a second, or a third of a shorter clip."""
+        return float(min(self.fps, EDGE * self.frames, self.frames - 1))
 
     def it(self, word: str) -> SelectKind:
         """The last thing named, else what is selected, else the one man or woman whom "him" or "her" can be; Refusal without."""
@@ -115,6 +124,13 @@ class SentenceContext(Clip):
         if self.last is None and not self.selected:
             raise Final(f"Nothing is named or selected that {word} could be; name a thing or select one.")
         return self.last or Current()
+
+    def rest(self) -> SelectKind:
+        """Return everything but the last thing named, or else what the command leaves as it is."""
+        if self.last is None and self.sparing is not None:
+            spared, self.last = self.sparing(self), None
+            return Not(spared)
+        return Not(self.it("'else'"))
 
     def one(self) -> SelectKind:
         """Return the kind that "the left one" picks from: that of the last thing named, after copying with its copies."""
@@ -151,7 +167,7 @@ class When:
     soft: bool = False
     """Little by little at both ends: it comes and is over at the last."""
     edge: tuple[float, float | None] | None = None
-    """The second that "at the beginning" or "at the end" means for what is in effect for a while."""
+    """The frames that "at the beginning" or "at the end" means for what is in effect for a while."""
 
     @classmethod
     def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False, soft: bool = False) -> When:
@@ -169,9 +185,9 @@ class When:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
         kind = "moment" if phrase.kind == "from" else phrase.kind
         slowly = slowly or (kind == "by" and phrase.end == END)
-        second, edge = min(context.fps, last), None
+        edge = None
         if phrase.kind == "moment" and phrase.start in (START, END):
-            edge = (0.0, float(second)) if phrase.start == START else (float(max(last - context.fps, 0)), None)
+            edge = (0.0, context.edge) if phrase.start == START else (last - context.edge, None)
         return cls((float(start), None if end is None else float(end)), kind, slowly, soft, edge)
 
     @property
@@ -225,7 +241,7 @@ class When:
             length = frames[1] - frames[0]
             return {"frames": (0.0, length) if inward else (max(last - length, 0.0), None), "ease": "linear"}
         if self.kind == "moment" and frames is not None and frames[0] == (0 if inward else last):
-            frames = (0.0, float(min(context.fps, last))) if inward else (float(max(last - context.fps, 0)), None)
+            frames = (0.0, context.edge) if inward else (last - context.edge, None)
         elif frames is None or (self.kind not in ("range", "by") and not self.slowly):
             return self._frames
         return self._frames | {"frames": frames, "ease": "linear"}
@@ -422,16 +438,19 @@ def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, singular(text)
 
 
+_CHANGING = frozenset(any_form("delete", "hide", "blur", "brighten", "darken", "desaturate", "freeze", "isolate").split("|"))
+"""Verbs of which a note begins: they are for what is there, which "add sunglasses" is not."""
 _SUBJECTS = word_set("it he she this that which who i you we they")
 """Words behind which a verb stands: "it frightens me"."""
 
 
 def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """One unknown word without an article, which might be a verb ("and juggle"): where no label is known at all, a plural, or a
-    name that the sentence gave before."""
+    """One unknown word without an article, which might be a verb ("and juggle"): where no label is known at all, a plural, a
+    name that the sentence gave before, or behind the verb that a sentence begins with, as in notes: "omit vehicle"."""
     earlier_words = {token.text for token in reading.tokens[:at]}
+    noted = at == 1 and reading.word(0) in _CHANGING
     for end, name in _stranger_at(reading, at) if reading.word(at - 1) not in _SUBJECTS else ():
-        if not reading.known or _is_plural(reading, at) or name in earlier_words:
+        if noted or not reading.known or _is_plural(reading, at) or name in earlier_words:
             yield end, name
 
 
@@ -722,7 +741,7 @@ _other_one = _say("[[the|that] other (one)|the other [ones|two|three]] <familiar
 everything_else = keyword(
     f"[everything|all|anything] else|all the rest|the (whole) [rest|remainder] (of [it|them|the world|the [{PICTURE}]])|"
     "all others|(all (of)) the others|all (the) other [things|objects|stuff]|the other [things|objects]"
-) >> (lambda *_: lambda context: Not(context.it("'else'")))
+) >> (lambda *_: SentenceContext.rest)
 _in_scene = ~literal(f"in [the|this|our] [{SETTING}]") + ~keyword(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the "
     f"[{PICTURE}]|[over|out|back|up|down] there|over here"
