@@ -54,6 +54,7 @@ from .selects import (
     And,
     Beside,
     Current,
+    Heading,
     Instance,
     Moving,
     Named,
@@ -438,7 +439,9 @@ def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, singular(text)
 
 
-_CHANGING = frozenset(any_form("delete", "hide", "blur", "brighten", "darken", "desaturate", "freeze", "isolate").split("|"))
+_CHANGING = frozenset(
+    any_form("delete", "hide", "blur", "brighten", "darken", "desaturate", "freeze", "isolate").split("|")
+)
 """Verbs of which a note begins: they are for what is there, which "add sunglasses" is not."""
 _SUBJECTS = word_set("it he she this that which who i you we they")
 """Words behind which a verb stands: "it frightens me"."""
@@ -583,6 +586,7 @@ _say = Notation(globals(), VOCABULARY)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
 )
+_all_that_go = keyword("everything|everyone|anything|all|what|whatever")
 _moving = _say(
     "<_all_that> [moves|move|is moving|are moving|is in motion|does move]|(<_article>) moving <_objects>|[the|"
     "all the] (whole|entire) foreground|the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|"
@@ -595,6 +599,21 @@ _static = _say(
     "all|anything|what is|whatever is|all that is|everything that is] (back) in) (the|its|all the)) (whole|"
     "entire) [background|backdrop|surroundings|scenery]"
 ) >> _always(Not(Moving()))
+_going = (
+    keyword(
+        "[that|which|who] (is|are) [goes|go|moves|move|walks|walk|runs|run|drives|drive|flies|fly|going|moving|walking|running|"
+        "driving|flying|heading]|going|moving|walking|running|driving|flying|heading|traveling"
+    )
+    + table(
+        {
+            "(from) (the) right to (the) left|(to|toward) (the) left|leftward": "left",
+            "(from) (the) left to (the) right|(to|toward) (the) right|rightward": "right",
+        }
+    )
+    >> Heading
+)
+_heading_thing = (_all_that_go | ~_article + _objects) + _going >> (lambda way: lambda context: way)
+_heading = (~_article + _noun | _everybody) + _going >> (lambda noun, way: lambda context: And((noun(context), way)))
 _moving_noun = _say(
     "(<_article>) moving <_noun>|[(<_article>) <_noun>|<_everybody>] [that|which|who] [is moving|are moving|"
     "moves|move|is in motion|are in motion]"
@@ -780,7 +799,7 @@ _all = _everything >> _always(All())
 _whole_thing: Rule = either(familiar, _determined, _instance, _current, _all, _it, _copy, _static, _moving)
 _one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _part_of_known)
 _definite = _say(
-    "[<_placed>|<everything_else>|<_current>|<_moving>|<_static>|<_point>|<_sized_one>|<familiar>|<_determined>|<_instance>|"
+    "[<_placed>|<_heading_thing>|<_heading>|<everything_else>|<_current>|<_moving>|<_static>|<_point>|<_sized_one>|<familiar>|<_determined>|<_instance>|"
     "<_moving_noun>|<_part_of_known>|<_named_at_length>|<_wearing>|<_all>|<_it>|<_they>|<_copy>|<_around>|<_other_one>|<_stood>] "
     "<_in_scene>"
 )

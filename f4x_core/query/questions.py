@@ -22,7 +22,7 @@ from ..scene.people import single_people
 from ..scene.view import render
 from .cast import moving_things, untaught_words
 from .chat import ChatServer, image_part
-from .connected_objects import pick_object, separate_objects, width_along
+from .connected_objects import SIDEWAYS, pick_object, separate_objects, way_across, width_along
 from .engines import BARE, Engines
 from .inventory import find, instead, is_doubtful, labels_of, things_there
 from .knowledge import lacks_people, refuse_unknown
@@ -50,8 +50,6 @@ STILL = 0.03
 """World units a second (1 = median depth) below which a thing stands still: about what jitter of the fit gives."""
 WINDOW = 0.25
 """Seconds before and after a moment that tell whether something moves at it."""
-SIDEWAYS = 0.05
-"""Fraction of the picture's width that a thing must cross to go to the left or the right."""
 THING = "something unnamed"
 """What moving things are called that the scene has no word for."""
 NO_PEOPLE = "The fit of this scene found no people and its words know none, so whether anybody is there I cannot tell."
@@ -288,15 +286,12 @@ def _sighting(scene: Scene, label: str, selection: Selection, observed: _Observe
     moves = np.flatnonzero(np.nan_to_num(steps) > STILL * np.diff(times) / scene.fps)
     if len(moves):
         camera = scene.cameras.at(float(times[(moves[0] + moves[-1] + 1) // 2]))
-        rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
-        ends = places[[moves[0], moves[-1] + 1]].astype(np.float64) @ rotation.T + translation
-        # Beside its mean depth, not by its place in the picture: what comes nearer off the middle does not go aside.
-        drift = (ends[1, 0] - ends[0, 0]) * camera.focal / max(abs(ends[:, 2].mean()), 1e-9) / camera.width
+        way = way_across(camera, places[[moves[0], moves[-1] + 1]])
         sighting = replace(
             sighting,
             path=float(steps[moves].sum()),
             frames=(round(float(times[moves[0]])), round(float(times[moves[-1] + 1]))),
-            heading="" if abs(drift) < SIDEWAYS else "to the right" if drift > 0 else "to the left",
+            heading=f"to the {way}" if way else "",
         )
     fractions = seen.mean((1, 2))
     best = int(fractions.argmax())
