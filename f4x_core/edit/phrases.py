@@ -853,8 +853,8 @@ def _is_same_wish(reading: Reading, at: int) -> bool:
     ends_in_a_way = reading.word(start - 1) in _SIDEWAYS
     while start > 0 and reading.word(start - 1) not in _SEPARATORS:
         start -= 1
-    if reading.word(at) in ("everything", "all") and reading.word(at - 1) == ",":
-        return False  # "apart from the dog, everything"
+    if any(reading.word(end) in _ENDS for end in _everything.at(reading, at)):
+        return False  # "apart from the dog, everything", "paint out the dog, full shot"
     if ends_in_a_way and any(
         reading.word(way - 1) in _SIDEWAYS and reading.word(way) in _ENDS
         for end in _named_noun.at(reading, at)

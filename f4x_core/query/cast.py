@@ -5,7 +5,7 @@ No teacher of words knows them; the graph of a scene tells them by how little th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -39,9 +39,15 @@ def needs_no_teacher(scene: Scene, label: str) -> bool:
     return is_cast(label) or is_of_people(scene, label) or shaped_scores(scene, label) is not None
 
 
-def untaught_words(scene: Scene) -> list[str]:
-    """Return the words for surfaces that a scene itself tells, as none of its teachers knows them."""
-    return [word for word in (GROUND, SKY) if needs_no_teacher(scene, word)]
+SURFACES = (GROUND, SKY)
+"""Words for surfaces that a scene itself tells."""
+SOMEBODY = ("man", "woman", "boy", "girl", "child", "guy", "dancer")
+"""Words for the people whom a fit found."""
+
+
+def untaught_words(scene: Scene, words: Sequence[str] = SURFACES + SOMEBODY) -> list[str]:
+    """Return those of some words that a scene itself tells."""
+    return [word for word in words if needs_no_teacher(scene, word)]
 
 
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:
