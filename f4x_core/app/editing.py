@@ -66,7 +66,7 @@ class Edited:
 
     @property
     def changes(self) -> bool:
-        """True unless all Gaussians stay as they are at the clip's ends, at the moments of the new edits, and halfway between those."""
+        """True unless all Gaussians stay as they are at the clip's ends, at moments of the new edits, and halfway between those."""
         if not all(edit.operation.ACTS and not edit.operation.taken_back for edit in self.new):
             return True  # names and edits that are taken back need not show
         first, last = (float(time) for time in self.after.cameras.times[[0, -1]])

@@ -9,12 +9,13 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from ..language.amounts import number
+from ..language.colour_names import COLOURS
 from ..language.grammar import (
     NOTHING,
+    VOCABULARY,
     Cover,
     Reading,
     Rule,
-    VOCABULARY,
     covers,
     either,
     generated,
@@ -28,7 +29,6 @@ from ..language.grammar import (
     table,
 )
 from ..language.idle import EMPTY, idle_gaps
-from ..language.colour_names import COLOURS
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, word_set
 from ..language.notation import Notation
 from ..language.refusal import Mismatch, Refusal

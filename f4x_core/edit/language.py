@@ -88,16 +88,7 @@ def parse(
     known = _known(tuple(request.labels), tuple(request.names))
 
     def settled(read: Read) -> tuple[Change, ...]:
-        context = SentenceContext(
-            request.fps,
-            request.frames,
-            request.frame,
-            request.selected,
-            {name.lower(): name for name in request.names},
-            overall=any(token.text == "overall" for token in read.reading.tokens),
-            earlier=copies or {},
-            labels=frozenset(request.labels),
-        )
+        context = _context(request, read, copies or {})
         return _settled(read, context, _recalled(before, context))
 
     before: Clauses = ()
@@ -114,15 +105,28 @@ def parse(
     if read.clauses:
         _ask_before_removing(read)
         return read.operations
-    if other := _INSTEAD.fullmatch(sentence):
-        begins = tokenise(other["done"])[0].text
-        if begins in IMPERATIVES and not read.only_then:
-            return parse(replace(request, sentence=other["done"]), copies=copies, earlier=other["not_done"])
+    other = _INSTEAD.fullmatch(sentence)
+    if other and tokenise(other["done"])[0].text in IMPERATIVES:
+        return parse(replace(request, sentence=other["done"]), copies=copies, earlier=other["not_done"])
     reason = _SHOWN_ONLY_THEN if read.only_then else read.reason or reason_of(NO_EDIT, read.reading)
     if not reason:
         _ask_to_leave_out(sentence, known, settled)
     reason = reason or _unknown_word(read.reading) or reason_of(UNCLEAR, read.reading) or _NO_COMMAND
     raise Refusal(reason, nearest(sentence, request.labels))
+
+
+def _context(request: Request, read: Read, copies: Mapping[SelectKind, SelectKind]) -> SentenceContext:
+    """Return what a sentence refers to: its clip, names, and the `copies` of earlier ones."""
+    return SentenceContext(
+        request.fps,
+        request.frames,
+        request.frame,
+        request.selected,
+        {name.lower(): name for name in request.names},
+        overall="overall" in read.reading.words,
+        earlier=copies,
+        labels=frozenset(request.labels),
+    )
 
 
 _INSTEAD = re.compile(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
@@ -115,17 +115,7 @@ def propose(
         except F4xError as error:
             if why:
                 continue
-            reason = " ".join([*notes, str(error)])
-            if isinstance(error, Several):
-                offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))
-                raise Refusal(error.reason, offered).behind(notes) from error
-            if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
-                helps = error.commands
-                near = _offered(sentence, asked, _there(scene)) if helps is None else helps
-                raise Refusal(reason, near) from error
-            if notes:
-                raise F4xError(reason) from error
-            raise
+            _raise_with_help(error, scene, sentence, asked, notes)
         if all(settled != other.operations for other in found):
             found.append(Candidate(settled, why, sentence))
         if len(found) == candidates:
@@ -140,6 +130,22 @@ def propose(
     return replace(
         proposal, candidates=scored, best=verdict.best, judged_by=verdict.judged_by, notes=notes + verdict.notes
     )
+
+
+def _raise_with_help(
+    error: F4xError, scene: Scene, sentence: str, asked: tuple[Change, ...], notes: tuple[str, ...]
+) -> NoReturn:
+    """Raise the error of the plain reading `asked` of a sentence, behind `notes`, with commands that can be said instead."""
+    reason = " ".join([*notes, str(error)])
+    if isinstance(error, Several):
+        offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))
+        raise Refusal(error.reason, offered).behind(notes) from error
+    if isinstance(error, Absent):  # another threshold would be a guess
+        helps = error.commands
+        raise Refusal(reason, _offered(sentence, asked, _there(scene)) if helps is None else helps) from error
+    if notes:
+        raise F4xError(reason) from error
+    raise error
 
 
 def read_sentence(

@@ -19,7 +19,6 @@ from .people import is_of_people
 from .select_config import SELECT, SelectConfig
 from .sky import SKY, is_of_sky, sky_scores
 
-
 SHAPED: tuple[tuple[Callable[[Scene, str], bool], Callable[[Scene], np.ndarray]], ...] = (
     (lambda _, label: is_floaters(label), floater_scores),
     (is_of_ground, ground_scores),

@@ -74,7 +74,8 @@ def select_by_text(
     """Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
 
     Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. Shadows and the like are found by what
-    is behind them (`cast`), floaters, the ground and the sky by what shape, place and color tell (`cast.SHAPED`). This and every other selection leaves out what edits have deleted (`not_deleted`).
+    is behind them (`cast`), floaters, the ground and the sky by what shape, place and color tell (`cast.SHAPED`). This and every
+    other selection leaves out what edits have deleted (`not_deleted`).
     """
     cast = [label for label in labels if is_cast(label)]
     shaped = {label: scores for label in labels if (scores := shaped_scores(scene, label)) is not None}

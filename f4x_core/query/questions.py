@@ -145,17 +145,9 @@ def answer(
     )
     sentences = [*mended]
     for asked in (one for read in understood for one in _for_each_person(scene, read, known)):
-        if any(thing not in known and lacks_people(scene, thing) for thing in asked.things):
-            sentences.append(NO_PEOPLE)
-            continue
-        if _compares(asked):
-            sentence, things = _compared(scene, asked, engines.encode, known)
-            sentences.append(sentence)
-            evidence.append({"asked": asked.kind, "span": asked.span, "things": things})
-            continue
-        found = [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, known, engines)
-        sentences.append(compose(scene, asked, found, engines.encode))
-        evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
+        sentence, grounds = _computed(scene, asked, trajectory, known, engines)
+        sentences.append(sentence)
+        evidence += [{"asked": asked.kind, "span": asked.span, **one} for one in grounds]
     named = [name for one in evidence for name in one.get("things") or [one.get("label", "")] if name not in known]
     sentences += remarks_on(scene, named)
     limits = (
@@ -164,6 +156,19 @@ def answer(
     different = " ".join(dict.fromkeys(sentences))  # what is not there is missing from every part of the question
     text = f"{different} (Computed from {limits}; no language model was asked.)"
     return Answer(text, COMPUTED, {"views": len(views), "sightings": evidence})
+
+
+def _computed(
+    scene: Scene, asked: Asked, trajectory: Trajectory, names: Mapping[str, Selection], engines: Engines
+) -> tuple[str, list[dict[str, Any]]]:
+    """Return the sentence that answers one question, and its evidence."""
+    if any(thing not in names and lacks_people(scene, thing) for thing in asked.things):
+        return NO_PEOPLE, []
+    if _compares(asked):
+        sentence, things = _compared(scene, asked, engines.encode, names)
+        return sentence, [{"things": things}]
+    found = [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, names, engines)
+    return compose(scene, asked, found, engines.encode), [asdict(sighting) for sighting in found]
 
 
 def _for_each_person(scene: Scene, asked: Asked, names: Collection[str]) -> list[Asked]:
