@@ -44,7 +44,7 @@ from ..language.lexicon import (
     word_set,
 )
 from ..language.notation import Notation
-from ..language.refusal import Final, Refusal
+from ..language.refusal import Final, Mismatch, Refusal
 from ..language.times import END, START, Clip, Span, no_such_time
 from ..language.verbs import IMPERATIVES, any_form
 from .selects import (
@@ -599,18 +599,22 @@ _static = _say(
     "all|anything|what is|whatever is|all that is|everything that is] (back) in) (the|its|all the)) (whole|"
     "entire) [background|backdrop|surroundings|scenery]"
 ) >> _always(Not(Moving()))
+
+
+def _heading_of(way: tuple[int, int, int]) -> Heading:
+    """Return what goes sideways; Mismatch for other ways."""
+    if not way[0]:
+        raise Mismatch
+    return Heading("left" if way[0] < 0 else "right")
+
+
 _going = (
     keyword(
         "[that|which|who] (is|are) [goes|go|moves|move|walks|walk|runs|run|drives|drive|flies|fly|going|moving|walking|running|"
         "driving|flying|heading]|going|moving|walking|running|driving|flying|heading|traveling"
     )
-    + table(
-        {
-            "(from) (the) right to (the) left|(to|toward) (the) left|leftward": "left",
-            "(from) (the) left to (the) right|(to|toward) (the) right|rightward": "right",
-        }
-    )
-    >> Heading
+    + direction
+    >> _heading_of
 )
 _heading_thing = (_all_that_go | ~_article + _objects) + _going >> (lambda way: lambda context: way)
 _heading = (~_article + _noun | _everybody) + _going >> (lambda noun, way: lambda context: And((noun(context), way)))
