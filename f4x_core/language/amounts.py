@@ -160,12 +160,6 @@ amount = either(
 
 _IS = "is|are|was|were|does|do|did|has|looks"
 _NOW = "now|today|at the moment|at present|presently|currently|before|originally"
-THAN_OTHERS = literal(
-    f"than ((all|any of) the) [others|rest|other ones|other one|other]|than (the) [usual|normal|original|that|this|{_NOW}]|"
-    f"than (it|he|she|they|that|this) [{_IS}] (right) ({_NOW})|than the [one|last one] (before|before it)|than the [last|"
-    "previous] (one)"
-)
-"""With what is compared that adds nothing: what there is."""
 
 
 def comparison(
@@ -176,7 +170,6 @@ def comparison(
     plain = table({positives: True, opposites: False})
     more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
     so = keyword("(just|about) [as|so]") + plain
-    more = more + ~THAN_OTHERS
     return either(
         optional(amount) + more >> changed,
         more
