@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -65,12 +66,16 @@ class Edited:
 
     @property
     def changes(self) -> bool:
-        """True unless all Gaussians stay as they are at the moments of the new edits, and at the clip's first, middle and last."""
+        """True unless all Gaussians stay as they are at the clip's ends, at moments of the new edits, and halfway between those."""
         if not all(edit.operation.ACTS and not edit.operation.taken_back for edit in self.new):
             return True  # names and edits that are taken back need not show
         first, last = (float(time) for time in self.after.cameras.times[[0, -1]])
         named = [last if moment is None else float(moment) for edit in self.new for moment in edit.operation.moments]
-        return any(self._differs(time) for time in dict.fromkeys([(first + last) / 2, *named, first, last]))
+        moments = sorted({first, *named, last})
+        between = [
+            (one + other) / 2 for one, other in pairwise(moments)
+        ]  # what is only faster is the same at both ends
+        return any(map(self._differs, [*between, *moments]))
 
     def _differs(self, time: float) -> bool:
         """Return True if any Gaussian is another than before at a clip frame."""

@@ -9,13 +9,16 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from ..language.amounts import number
+from ..language.colour_names import COLOURS
 from ..language.grammar import (
     NOTHING,
+    VOCABULARY,
     Cover,
     Reading,
     Rule,
     covers,
     either,
+    generated,
     here,
     keyword,
     listed,
@@ -26,7 +29,7 @@ from ..language.grammar import (
     table,
 )
 from ..language.idle import EMPTY, idle_gaps
-from ..language.lexicon import FUNCTION_WORDS, word_set
+from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, word_set
 from ..language.notation import Notation
 from ..language.refusal import Mismatch, Refusal
 from ..language.times import Span, span
@@ -92,9 +95,21 @@ _number_of_item = _say(
     "[first|second|third|fourth|last] (,) <_verb>"
 )
 _separator_or_number = _say.table({"<_separator> (<_number_of_item>)": lambda hard: hard, "<_number_of_item>": True})
+
+
+def _heading_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
+    """The heading of a note, which names no thing: "grade: "."""
+    end = next((end for end in range(at + 1, at + 1 + _MAX_HEADING) if reading.word(end) == ":"), None)
+    words = set(reading.words[at:end])
+    if end is not None and words <= (VOCABULARY | NO_THINGS) - COLOURS.keys() and not span.at(reading, at):
+        yield end + 1, None
+
+
+_MAX_HEADING = 2
+"""Words of a heading."""
 _start = _say(
     "(and|while|as) <_ends> (<_number_of_item>) (first|to begin with|to start with|for starters) <_topic?>",
-    _topic=_filler + _topic_before,
+    _topic=either(_filler + _topic_before, generated(_heading_at)),
 )
 _ONE_MORE, _RUN_ON, _IN_FRONT = 2, 7, 0.1
 """Costs of a command behind another, and of one with nothing between; what a time before a command is better than one within."""

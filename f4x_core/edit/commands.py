@@ -186,7 +186,6 @@ def _changed(
     way: bool | str | None = None,
     how: Amount | None = None,
     to: float | None = None,
-    times: float | None = None,
     level: float | None = None,
 ) -> Value:
     changed, of_it = quality[0].changed, quality[1]
@@ -195,17 +194,13 @@ def _changed(
             raise Mismatch
         way, of_it = way == quality[0].more, True
     if level is not None:  # "contrast 80 %" is what it comes to, "contrast up 20 %" how much more it gets
-        if (how, to, times) != (None, None, None):
+        if (how, to) != (None, None):
             raise Mismatch
         if level > 1 and way is not None:  # 150 % more is rarely meant
             raise Mismatch
         to, how = (level, None) if way is None else (None, Amount("fraction", level))
-    if times is None and how is not None and how.kind == "times" and way is to is None:
-        times = how.value  # "twice the size"
-    if times is not None:
-        if (way, to) != (None, None):
-            raise Mismatch
-        return changed(Amount("as", times), of_it)
+    if how is not None and how.kind == "times" and way is to is None:  # "twice the size"
+        return changed(Amount("as", how.value), of_it)
     if to is not None:
         to = to / 100 if to > SHOWN else to
         if not quality[0].at_most_all and way and to < 1:
@@ -234,9 +229,11 @@ _by_how_much: dict[str, Any] = {
     "way": _way,
     "level": percent
     | here(lambda reading, at: reading.word(at - 1) != "to") + phrase("<number> ![x|times|stop|stops]") >> _percents,
-    "how": amount | phrase("by <number>") >> _by_number | literal("way") >> (lambda: Amount("large")),
+    "how": amount
+    | phrase("by <number>") >> _by_number
+    | literal("way") >> (lambda: Amount("large"))
+    | _times_as_much >> (lambda x: Amount("times", x)),
     "to": _to_value,
-    "times": _times_as_much,
 }
 """Amounts more or less of a quality, or values that it reaches."""
 _SIDES: dict[str, tuple[Graded, bool | None]] = {

@@ -18,6 +18,7 @@ from .selects import (
     Beside,
     Box,
     Current,
+    Heading,
     Ids,
     Instance,
     Moving,
@@ -110,6 +111,8 @@ def whom(select: SelectKind) -> str:
         return f"the {side} {share} of {whom(select.of)}"
     if isinstance(select, Beside):
         return f"{whom(select.of)} {_PLACE_WORDS[select.where]} {whom(select.other)}"
+    if isinstance(select, Heading):
+        return f"what goes to the {select.way}"
     if isinstance(select, Point):
         return f"the thing at {select.x:g}, {select.y:g} in frame {select.frame}"
     if isinstance(select, Box):
@@ -133,7 +136,10 @@ def _both(select: And) -> str:
     left_out = [whom(part.of) for part in select.of if isinstance(part, Not) and part != background]
     if len(kept) == 2 and isinstance(select.of[1], Moving):
         kept = [f"the moving {kept[0].removeprefix('the ')}"]
-    return " that is also ".join(kept or ["everything"]) + "".join(f" but not {part}" for part in left_out)
+    also = [
+        f" that {part.removeprefix('what ') if part.startswith('what ') else f'is also {part}'}" for part in kept[1:]
+    ]
+    return "".join([*(kept[:1] or ["everything"]), *also]) + "".join(f" but not {part}" for part in left_out)
 
 
 def span_words(frames: tuple[float, float | None] | None, open_end: str = "on") -> str:

@@ -88,16 +88,7 @@ def parse(
     known = _known(tuple(request.labels), tuple(request.names))
 
     def settled(read: Read) -> tuple[Change, ...]:
-        context = SentenceContext(
-            request.fps,
-            request.frames,
-            request.frame,
-            request.selected,
-            {name.lower(): name for name in request.names},
-            overall=any(token.text == "overall" for token in read.reading.tokens),
-            earlier=copies or {},
-            labels=frozenset(request.labels),
-        )
+        context = _context(request, read, copies or {})
         return _settled(read, context, _recalled(before, context))
 
     before: Clauses = ()
@@ -114,6 +105,9 @@ def parse(
     if read.clauses:
         _ask_before_removing(read)
         return read.operations
+    other = _INSTEAD.fullmatch(sentence)
+    if other and tokenise(other["done"])[0].text in IMPERATIVES:
+        return parse(replace(request, sentence=other["done"]), copies=copies, earlier=other["not_done"])
     reason = _SHOWN_ONLY_THEN if read.only_then else read.reason or reason_of(NO_EDIT, read.reading)
     if not reason:
         _ask_to_leave_out(sentence, known, settled)
@@ -121,6 +115,26 @@ def parse(
     raise Refusal(reason, nearest(sentence, request.labels))
 
 
+def _context(request: Request, read: Read, copies: Mapping[SelectKind, SelectKind]) -> SentenceContext:
+    """Return what a sentence refers to: its clip, names, and the `copies` of earlier ones."""
+    return SentenceContext(
+        request.fps,
+        request.frames,
+        request.frame,
+        request.selected,
+        {name.lower(): name for name in request.names},
+        overall="overall" in read.reading.words,
+        earlier=copies,
+        labels=frozenset(request.labels),
+    )
+
+
+_INSTEAD = re.compile(
+    r"(?:do not|don't|never) (?P<not_done>[^,.;:]+)[,.;:]+ *(?:(?:but|just|instead|rather|only) )*"
+    r"(?P<done>(?:(?!\b(?:or|nor|and|not|never|don't)\b).)+)",
+    re.IGNORECASE,
+)
+"""A command that is not meant, and the one that is: "don't remove him, hide him"."""
 _NO_COMMAND = "No command fits that; name a thing and what is to become of it, for example 'make the dog red'."
 
 
@@ -447,6 +461,7 @@ def _whom(
     if "who" not in piece and ((use.whole and not context.selected) or nobody or "besides" in piece):
         context.last = All()
     context.overall = context.overall or use.whole or use.timed or of_clip
+    context.sparing = piece.get("spares")
     who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
     assumed = who is None
     context.last = context.last or who

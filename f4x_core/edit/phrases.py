@@ -44,7 +44,7 @@ from ..language.lexicon import (
     word_set,
 )
 from ..language.notation import Notation
-from ..language.refusal import Final, Refusal
+from ..language.refusal import Final, Mismatch, Refusal
 from ..language.times import END, START, Clip, Span, no_such_time
 from ..language.verbs import IMPERATIVES, any_form
 from .selects import (
@@ -54,6 +54,7 @@ from .selects import (
     And,
     Beside,
     Current,
+    Heading,
     Instance,
     Moving,
     Named,
@@ -71,6 +72,8 @@ if TYPE_CHECKING:
 
 HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
+EDGE = 1 / 3
+"""Fraction of a clip that "at the end" means at most."""
 
 
 @dataclass
@@ -95,6 +98,8 @@ class SentenceContext(Clip):
     """"Overall" is said: "it" is the picture where nothing was named."""
     spared: list[SelectKind] = field(default_factory=list)
     """Selections that are to stay as they are."""
+    sparing: Who | None = None
+    """Whom the command that is read leaves as they are."""
     complaints: list[Change] = field(default_factory=list)
     """Operations that would help against the complaint of the sentence."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
@@ -104,6 +109,11 @@ class SentenceContext(Clip):
     def present(self) -> int:
         """The clip frame through which "the left one" is seen."""
         return min(max(round(self.frame), 0), self.frames - 1)
+
+    @property
+    def edge(self) -> float:
+        """Frames of "at the beginning" and "at the end": a second, or a third of a shorter clip."""
+        return float(min(self.fps, EDGE * self.frames, self.frames - 1))
 
     def it(self, word: str) -> SelectKind:
         """The last thing named, else what is selected, else the one man or woman whom "him" or "her" can be; Refusal without."""
@@ -115,6 +125,13 @@ class SentenceContext(Clip):
         if self.last is None and not self.selected:
             raise Final(f"Nothing is named or selected that {word} could be; name a thing or select one.")
         return self.last or Current()
+
+    def rest(self) -> SelectKind:
+        """Return everything but the last thing named, or else what the command leaves as it is."""
+        if self.last is None and self.sparing is not None:
+            spared, self.last = self.sparing(self), None
+            return Not(spared)
+        return Not(self.it("'else'"))
 
     def one(self) -> SelectKind:
         """Return the kind that "the left one" picks from: that of the last thing named, after copying with its copies."""
@@ -151,7 +168,7 @@ class When:
     soft: bool = False
     """Little by little at both ends: it comes and is over at the last."""
     edge: tuple[float, float | None] | None = None
-    """The second that "at the beginning" or "at the end" means for what is in effect for a while."""
+    """The frames that "at the beginning" or "at the end" means for what is in effect for a while."""
 
     @classmethod
     def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False, soft: bool = False) -> When:
@@ -169,9 +186,9 @@ class When:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
         kind = "moment" if phrase.kind == "from" else phrase.kind
         slowly = slowly or (kind == "by" and phrase.end == END)
-        second, edge = min(context.fps, last), None
+        edge = None
         if phrase.kind == "moment" and phrase.start in (START, END):
-            edge = (0.0, float(second)) if phrase.start == START else (float(max(last - context.fps, 0)), None)
+            edge = (0.0, context.edge) if phrase.start == START else (last - context.edge, None)
         return cls((float(start), None if end is None else float(end)), kind, slowly, soft, edge)
 
     @property
@@ -225,7 +242,7 @@ class When:
             length = frames[1] - frames[0]
             return {"frames": (0.0, length) if inward else (max(last - length, 0.0), None), "ease": "linear"}
         if self.kind == "moment" and frames is not None and frames[0] == (0 if inward else last):
-            frames = (0.0, float(min(context.fps, last))) if inward else (float(max(last - context.fps, 0)), None)
+            frames = (0.0, context.edge) if inward else (last - context.edge, None)
         elif frames is None or (self.kind not in ("range", "by") and not self.slowly):
             return self._frames
         return self._frames | {"frames": frames, "ease": "linear"}
@@ -422,16 +439,21 @@ def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, singular(text)
 
 
+_CHANGING = frozenset(
+    any_form("delete", "hide", "blur", "brighten", "darken", "desaturate", "freeze", "isolate").split("|")
+)
+"""Verbs of which a note begins: they are for what is there, which "add sunglasses" is not."""
 _SUBJECTS = word_set("it he she this that which who i you we they")
 """Words behind which a verb stands: "it frightens me"."""
 
 
 def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """One unknown word without an article, which might be a verb ("and juggle"): where no label is known at all, a plural, or a
-    name that the sentence gave before."""
+    """One unknown word without an article, which might be a verb ("and juggle"): where no label is known at all, a plural, a
+    name that the sentence gave before, or behind the verb that a sentence begins with, as in notes: "omit vehicle"."""
     earlier_words = {token.text for token in reading.tokens[:at]}
+    noted = at == 1 and reading.word(0) in _CHANGING
     for end, name in _stranger_at(reading, at) if reading.word(at - 1) not in _SUBJECTS else ():
-        if not reading.known or _is_plural(reading, at) or name in earlier_words:
+        if noted or not reading.known or _is_plural(reading, at) or name in earlier_words:
             yield end, name
 
 
@@ -564,6 +586,7 @@ _say = Notation(globals(), VOCABULARY)
 _all_that = keyword(
     "what|whatever|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones|stuff|parts] [that|which]"
 )
+_all_that_go = keyword("everything|everyone|anything|all|what|whatever")
 _moving = _say(
     "<_all_that> [moves|move|is moving|are moving|is in motion|does move]|(<_article>) moving <_objects>|[the|"
     "all the] (whole|entire) foreground|the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|"
@@ -576,6 +599,25 @@ _static = _say(
     "all|anything|what is|whatever is|all that is|everything that is] (back) in) (the|its|all the)) (whole|"
     "entire) [background|backdrop|surroundings|scenery]"
 ) >> _always(Not(Moving()))
+
+
+def _heading_of(way: tuple[int, int, int]) -> Heading:
+    """Return what goes sideways; Mismatch for other ways."""
+    if not way[0]:
+        raise Mismatch
+    return Heading("left" if way[0] < 0 else "right")
+
+
+_going = (
+    keyword(
+        "[that|which|who] (is|are) [goes|go|moves|move|walks|walk|runs|run|drives|drive|flies|fly|going|moving|walking|running|"
+        "driving|flying|heading]|going|moving|walking|running|driving|flying|heading|traveling"
+    )
+    + direction
+    >> _heading_of
+)
+_heading_thing = (_all_that_go | ~_article + _objects) + _going >> (lambda way: lambda context: way)
+_heading = (~_article + _noun | _everybody) + _going >> (lambda noun, way: lambda context: And((noun(context), way)))
 _moving_noun = _say(
     "(<_article>) moving <_noun>|[(<_article>) <_noun>|<_everybody>] [that|which|who] [is moving|are moving|"
     "moves|move|is in motion|are in motion]"
@@ -722,7 +764,7 @@ _other_one = _say("[[the|that] other (one)|the other [ones|two|three]] <familiar
 everything_else = keyword(
     f"[everything|all|anything] else|all the rest|the (whole) [rest|remainder] (of [it|them|the world|the [{PICTURE}]])|"
     "all others|(all (of)) the others|all (the) other [things|objects|stuff]|the other [things|objects]"
-) >> (lambda *_: lambda context: Not(context.it("'else'")))
+) >> (lambda *_: SentenceContext.rest)
 _in_scene = ~literal(f"in [the|this|our] [{SETTING}]") + ~keyword(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]|out of the "
     f"[{PICTURE}]|[over|out|back|up|down] there|over here"
@@ -761,7 +803,7 @@ _all = _everything >> _always(All())
 _whole_thing: Rule = either(familiar, _determined, _instance, _current, _all, _it, _copy, _static, _moving)
 _one_thing: Rule = either(familiar, _determined, _instance, _it, _copy, _part_of_known)
 _definite = _say(
-    "[<_placed>|<everything_else>|<_current>|<_moving>|<_static>|<_point>|<_sized_one>|<familiar>|<_determined>|<_instance>|"
+    "[<_placed>|<_heading_thing>|<_heading>|<everything_else>|<_current>|<_moving>|<_static>|<_point>|<_sized_one>|<familiar>|<_determined>|<_instance>|"
     "<_moving_noun>|<_part_of_known>|<_named_at_length>|<_wearing>|<_all>|<_it>|<_they>|<_copy>|<_around>|<_other_one>|<_stood>] "
     "<_in_scene>"
 )
@@ -815,8 +857,8 @@ def _is_same_wish(reading: Reading, at: int) -> bool:
     ends_in_a_way = reading.word(start - 1) in _SIDEWAYS
     while start > 0 and reading.word(start - 1) not in _SEPARATORS:
         start -= 1
-    if reading.word(at) in ("everything", "all") and reading.word(at - 1) == ",":
-        return False  # "apart from the dog, everything"
+    if any(reading.word(end) in _ENDS for end in _everything.at(reading, at)):
+        return False  # "apart from the dog, everything", "paint out the dog, full shot"
     if ends_in_a_way and any(
         reading.word(way - 1) in _SIDEWAYS and reading.word(way) in _ENDS
         for end in _named_noun.at(reading, at)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..language.grammar import read_as_meant
 from ..language.refusal import Doubt, Refusal
+from ..query.cast import untaught_words
 from ..query.chat import ChatServer
 from ..query.engines import BARE, Engines
 from ..query.inventory import words_there
@@ -114,17 +115,7 @@ def propose(
         except F4xError as error:
             if why:
                 continue
-            reason = " ".join([*notes, str(error)])
-            if isinstance(error, Several):
-                offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))
-                raise Refusal(error.reason, offered).behind(notes) from error
-            if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
-                helps = error.commands
-                near = _offered(sentence, asked, _there(scene)) if helps is None else helps
-                raise Refusal(reason, near) from error
-            if notes:
-                raise F4xError(reason) from error
-            raise
+            _raise_with_help(error, scene, sentence, asked, notes)
         if all(settled != other.operations for other in found):
             found.append(Candidate(settled, why, sentence))
         if len(found) == candidates:
@@ -141,6 +132,22 @@ def propose(
     )
 
 
+def _raise_with_help(
+    error: F4xError, scene: Scene, sentence: str, asked: tuple[Change, ...], notes: tuple[str, ...]
+) -> NoReturn:
+    """Raise the error of the plain reading `asked` of a sentence, behind `notes`, with commands that can be said instead."""
+    reason = " ".join([*notes, str(error)])
+    if isinstance(error, Several):
+        offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))
+        raise Refusal(error.reason, offered).behind(notes) from error
+    if isinstance(error, Absent):  # another threshold would be a guess
+        helps = error.commands
+        raise Refusal(reason, _offered(sentence, asked, _there(scene)) if helps is None else helps) from error
+    if notes:
+        raise F4xError(reason) from error
+    raise error
+
+
 def read_sentence(
     scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None
 ) -> tuple[tuple[Change, ...], str, tuple[str, ...]]:
@@ -149,6 +156,7 @@ def read_sentence(
     chosen = None if context.selection is None else context.selection.for_ids(scene.ids).chosen
     sentence, people = in_ordinals(scene, sentence, "sentence", scene.cameras.frame_at(context.frame), chosen, names)
     labels = [*labels_of(scene), *people]
+    labels += untaught_words(scene) if labels else []  # where no word is known, any may be a name
     request = Request(sentence, labels, names, scene.fps, len(scene.cameras), chosen is not None, context.frame)
     notes: tuple[str, ...] = ()
     if server is not None:

@@ -14,7 +14,7 @@ from ..language.cast_words import caster, is_cast
 from ..language.compounds import head_of, names_another
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from ..query.attached import attached_to
-from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to
+from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to, ways_of
 from ..query.inventory import instead, labels_of
 from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
@@ -35,6 +35,7 @@ from .selects import (
     Beside,
     Box,
     Current,
+    Heading,
     Ids,
     Instance,
     Moving,
@@ -189,7 +190,7 @@ class Resolver:
             kinds: tuple[SelectKind, ...] = tuple(replace(select, labels=(label,)) for label in select.labels)
         elif isinstance(select, Or):
             kinds = select.of
-        elif isinstance(select, Text | Moving | And | Named | Beside):
+        elif isinstance(select, Text | Moving | Heading | And | Named | Beside):
             kinds = (select,)
         else:
             return ()
@@ -249,6 +250,8 @@ class Resolver:
             return Ids.of(select_by_box(scene, select.box, scene.cameras.frame_at(select.frame)).chosen_ids)
         if isinstance(select, Instance | Part | Beside):
             return Ids.of(scene.ids[self._by_place(scene, select, tidy)])
+        if isinstance(select, Heading):
+            return Ids.of(scene.ids[self._going(scene, select.way)])
         if isinstance(select, Current):
             return Ids.of(self._current(scene).chosen_ids)
         return select
@@ -297,6 +300,13 @@ class Resolver:
         if isinstance(select, Instance):
             return pick_object(posed, rows, select.which, camera, single_people(scene, rows))
         return rows[part_of(posed.means[rows], select.side, select.share, camera)]
+
+    def _going(self, scene: Scene, way: str) -> np.ndarray:
+        """(n,) rows of the known things that go to the `way` across the picture."""
+        owner = known_things(scene, self.context.frame)
+        rows = np.flatnonzero((owner != NO_THING) & scene.moving)
+        numbers = np.unique(owner[rows], return_inverse=True)[1]
+        return rows[ways_of(scene, rows, numbers) == way]
 
     def _nearest_of_all(self, scene: Scene, select: Instance) -> np.ndarray:
         """(n,) rows of the known thing of all that is `which`, backdrops left out."""
@@ -359,6 +369,8 @@ class Resolver:
     def _nothing(self, scene: Scene, select: SelectKind) -> str:
         """The sentence about a selection that holds no Gaussian."""
         words = next((part for part in parts_of(select) if isinstance(part, Text)), None)
+        if any(isinstance(part, Heading) for part in parts_of(select)):
+            return f"In the scene '{scene.name}' nothing answers to '{whom(select)}'."
         if words is None or scene.features is None:
             return (
                 f"In the scene '{scene.name}' the selection is empty at this place in the edits; select something else."

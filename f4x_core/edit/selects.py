@@ -44,6 +44,15 @@ class Moving(Select):
 
 
 @dataclass(frozen=True)
+class Heading(Select):
+    """The moving things that go one way across the picture: "the man walking to the left"."""
+
+    TAG = "heading"
+    way: Literal["left", "right"]
+    """As the clip's camera sees it."""
+
+
+@dataclass(frozen=True)
 class Current(Select):
     """The caller's current selection: "it", "this", "the selection"."""
 
@@ -245,7 +254,7 @@ class Not(Select):
     """Selection that is left out."""
 
 
-SelectKind = Union[All, Moving, Current, Named, Ids, Text, Point, Box, Instance, Part, Beside, And, Or, Not]  # noqa: UP007  # forward references
+SelectKind = Union[All, Moving, Heading, Current, Named, Ids, Text, Point, Box, Instance, Part, Beside, And, Or, Not]  # noqa: UP007  # forward references
 """Any selection."""
 
 

@@ -160,12 +160,6 @@ amount = either(
 
 _IS = "is|are|was|were|does|do|did|has|looks"
 _NOW = "now|today|at the moment|at present|presently|currently|before|originally"
-THAN_OTHERS = literal(
-    f"than ((all|any of) the) [others|rest|other ones|other one|other]|than (the) [usual|normal|original|that|this|{_NOW}]|"
-    f"than (it|he|she|they|that|this) [{_IS}] (right) ({_NOW})|than the [one|last one] (before|before it)|than the [last|"
-    "previous] (one)"
-)
-"""With what is compared that adds nothing: what there is."""
 
 
 def comparison(
@@ -176,7 +170,6 @@ def comparison(
     plain = table({positives: True, opposites: False})
     more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
     so = keyword("(just|about) [as|so]") + plain
-    more = more + ~THAN_OTHERS
     return either(
         optional(amount) + more >> changed,
         more
@@ -210,15 +203,22 @@ def fraction_of(quality: str) -> Rule:
 VIEWER = "camera|the camera|the viewer|the lens|me|us|here"
 _SIDE = "side|hand side|direction|edge|hand edge|half"
 _WITHIN = ~keyword(f"of [the|this] [{PICTURE}]|in [the|this] [{PICTURE}]")
+
+
+def _sideways(side: str, other: str) -> str:
+    """Phrases for the way to one side of the picture."""
+    return (
+        f"(from) (the) {other} to (the) {side}|(to) [screen|camera|frame|stage] {side}|in (the) direction of (the) {side}|{side}|"
+        f"{side}ward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] (the|its|my|your|his|her|their) (far) "
+        f"{side} ({_SIDE})|more to the {side}|[further|farther|more] (to the) {side}"
+    )
+
+
 direction = (
     table(
         {
-            "from (the) right to (the) left|(to) [screen|camera|frame|stage] left|in (the) direction of (the) left|"
-            f"left|leftward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] (the|its|my|your|his|her|their)"
-            f" (far) left ({_SIDE})|more to the left|[further|farther|more] (to the) left": (-1, 0, 0),
-            "from (the) left to (the) right|(to) [screen|camera|frame|stage] right|in (the) direction of (the) right|"
-            f"right|rightward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] (the|its|my|your|his|her|"
-            f"their) (far) right ({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
+            _sideways("left", "right"): (-1, 0, 0),
+            _sideways("right", "left"): (1, 0, 0),
             "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the "
             "ground|above the ground|toward the [sky|top]": (0, -1, 0),
             "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the "

@@ -42,6 +42,7 @@ _MEANT = (VOCABULARY, FUNCTION_WORDS, COLOURS, SHADES, ONES, TENS, FRACTIONS)
 _STATING = word_set("is are was were does did has")
 """Words with which it is said or asked how something is."""
 _ARTICLES = word_set("a an some")
+_JOINING = word_set("and but then")
 _MAX_BEFORE_NOUN = 3
 
 
@@ -70,7 +71,8 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
         return UNKNOWN
     if token.text in _ALONE or token.text in BINDING:
         return HARMLESS
-    if at + 1 < len(tokens) and tokens[at + 1].text in _CARRIED and is_strange(token.text, known):
+    begins = at == 0 or not tokens[at - 1].is_word or tokens[at - 1].text in _JOINING  # "wall red" is about a wall
+    if at + 1 < len(tokens) and tokens[at + 1].text in _CARRIED and is_strange(token.text, known) and not begins:
         return HARMLESS
     if at and tokens[at - 1].text in ("go", "goes", "going") and is_strange(token.text, known):  # "go vroom"
         return HARMLESS

@@ -5,24 +5,48 @@ No teacher of words knows them; the graph of a scene tells them by how little th
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from ..language.cast_words import is_cast
 from ..scene import Scene
 from .attached import attached, mostly
-from .floaters import is_floaters
-from .ground import is_of_ground
+from .floaters import floater_scores, is_floaters
+from .ground import GROUND, ground_scores, is_of_ground
 from .objects import MOSTLY, graph_of
 from .people import is_of_people
 from .select_config import SELECT, SelectConfig
-from .sky import is_of_sky
+from .sky import SKY, is_of_sky, sky_scores
+
+SHAPED: tuple[tuple[Callable[[Scene, str], bool], Callable[[Scene], np.ndarray]], ...] = (
+    (lambda _, label: is_floaters(label), floater_scores),
+    (is_of_ground, ground_scores),
+    (is_of_sky, sky_scores),
+)
+"""(if a label means it in a scene, (N,) scores of it): what shape, place or color tell."""
+
+
+def shaped_scores(scene: Scene, label: str) -> Callable[[Scene], np.ndarray] | None:
+    """Return the function of a scene for the scores (N,) of what `label` means by its shape; None for other labels."""
+    return next((scores for means, scores in SHAPED if means(scene, label)), None)
 
 
 def needs_no_teacher(scene: Scene, label: str) -> bool:
     """Return True if the scene itself tells what `label` means, and no vocabulary has to know it: what is cast, the ground,
     the sky, floaters, known people."""
-    shaped = is_floaters(label) or is_of_ground(scene, label) or is_of_sky(scene, label)
-    return shaped or is_cast(label) or is_of_people(scene, label)
+    return is_cast(label) or is_of_people(scene, label) or shaped_scores(scene, label) is not None
+
+
+SURFACES = (GROUND, SKY)
+"""Words for surfaces that a scene itself tells."""
+SOMEBODY = ("man", "woman", "boy", "girl", "child", "guy", "dancer")
+"""Words for the people whom a fit found."""
+
+
+def untaught_words(scene: Scene, words: Sequence[str] = SURFACES + SOMEBODY) -> list[str]:
+    """Return those of some words that a scene itself tells."""
+    return [word for word in words if needs_no_teacher(scene, word)]
 
 
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:

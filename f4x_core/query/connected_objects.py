@@ -6,7 +6,9 @@ from itertools import product
 
 import numpy as np
 
+from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import Camera
+from ..scene import Scene
 from ..scene.model import PosedSplats
 
 LINK = 3.0
@@ -23,6 +25,12 @@ MIN_GAP = 0.15
 """Objects of a kind are separate where their boxes lie apart, along some axis, by this fraction of the smaller one's extent."""
 MAX_CELLS = 1 << 20
 """Maximum cells along an axis: three indices fit into 64 bits, however far away a floater is."""
+SIDEWAYS = 0.05
+"""Fraction of the picture's width that a thing must cross to go to the left or the right."""
+MOMENTS = 9
+"""Clip times, evenly over the clip, at which it is looked where a thing is."""
+PRESENT = 0.1
+"""Sum of a thing's opacities, by its largest, from which on it is there."""
 INNER = (2, 98)
 """Percentiles between which an extent is measured: floaters do not count."""
 
@@ -174,6 +182,30 @@ def centres_of(points: np.ndarray, owner: np.ndarray, weights: np.ndarray) -> np
     """(k,3) float64 weighted means of `points (n,3)` by `owner (n,)`."""
     total = np.bincount(owner, weights)
     return np.stack([np.bincount(owner, weights * points[:, axis]) / total for axis in range(3)], 1)
+
+
+def way_across(camera: Camera, ends: np.ndarray) -> str:
+    """Return left or right: the way from the first of `ends (2,3)` to the second across `camera`'s picture; else nothing.
+
+    Beside its mean depth, not by its place in the picture: what comes nearer off the middle does not go aside.
+    """
+    ends = ends.astype(np.float64) @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
+    drift = (ends[1, 0] - ends[0, 0]) * camera.focal / max(abs(ends[:, 2].mean()), 1e-9) / camera.width
+    return "" if abs(drift) < SIDEWAYS else "right" if drift > 0 else "left"
+
+
+def ways_of(scene: Scene, rows: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Return (n,) str: `way_across` over the clip of the object `owner (n,)` that each of the Gaussians `rows (n,)` is of."""
+    times = scene.cameras.times[evenly_spaced(len(scene.cameras), MOMENTS)]
+    posed = [scene.posed(float(time)) for time in times]
+    weights = np.stack([np.bincount(owner, one.opacities[rows]) for one in posed])  # (K,k)
+    ways = []
+    for number, weight in enumerate(weights.T):
+        first, last = np.flatnonzero(weight >= PRESENT * weight.max())[[0, -1]]
+        own = rows[owner == number]
+        ends = np.stack([np.average(posed[k].means[own], 0, posed[k].opacities[own]) for k in (first, last)])
+        ways.append(way_across(scene.cameras.at(float(times[(first + last) // 2])), ends))
+    return np.array(ways, str)[owner]
 
 
 def width_along(points: np.ndarray, axis: np.ndarray) -> float:

@@ -357,7 +357,7 @@ count_moving: how-many any? move but? seen? | how-many thing move start?
 polar count_moving: any move but
 count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing counted | how-many thing
     seen? side? stands? remain?
-still: who not move start? always? | who rest always? stands?
+still: who not move start? always? | who rest always? stands? | anything rest stands? | anything not move
 polar seen says=no: thing gone
 polar leave: thing leave not?
 polar enter: thing enter not?

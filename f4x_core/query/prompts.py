@@ -20,10 +20,8 @@ from ..scene import Scene
 from ..scene.people import people_of
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
-from .cast import cast_of, without_shadow
-from .floaters import floater_scores, is_floaters
+from .cast import cast_of, shaped_scores, without_shadow
 from .following import decoder_of, follow_masks, follow_thing
-from .ground import ground_scores, is_of_ground
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
@@ -34,7 +32,6 @@ from .score import THRESHOLD, target_score
 from .segmentation import MaskDecoder
 from .select_config import SELECT, SelectConfig, ThingConfig
 from .selection import Selection, fingerprint
-from .sky import is_of_sky, sky_scores
 
 ASPECT_TOLERANCE = 0.01
 """Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
@@ -77,13 +74,11 @@ def select_by_text(
     """Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
 
     Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. Shadows and the like are found by what
-    is behind them (`cast`), floaters by what is around them (`floaters`), the ground by its shape (`ground`), the sky by its
-    color (`sky`). This and every other selection leaves out what edits have deleted (`not_deleted`).
+    is behind them (`cast`), floaters, the ground and the sky by what shape, place and color tell (`cast.SHAPED`). This and every
+    other selection leaves out what edits have deleted (`not_deleted`).
     """
     cast = [label for label in labels if is_cast(label)]
-    shaped = {label: floater_scores for label in labels if is_floaters(label)}
-    shaped |= {label: ground_scores for label in labels if is_of_ground(scene, label)}
-    shaped |= {label: sky_scores for label in labels if is_of_sky(scene, label)}
+    shaped = {label: scores for label in labels if (scores := shaped_scores(scene, label)) is not None}
     people = [label for label in labels if is_of_people(scene, label)]
     things = [label for label in labels if label not in (*cast, *shaped, *people)]
     parts = []

@@ -20,9 +20,9 @@ from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
 from ..scene import Scene
 from ..scene.people import single_people
 from ..scene.view import render
-from .cast import moving_things
+from .cast import moving_things, untaught_words
 from .chat import ChatServer, image_part
-from .connected_objects import pick_object, separate_objects, width_along
+from .connected_objects import SIDEWAYS, pick_object, separate_objects, way_across, width_along
 from .engines import BARE, Engines
 from .inventory import find, instead, is_doubtful, labels_of, things_there
 from .knowledge import lacks_people, refuse_unknown
@@ -50,8 +50,6 @@ STILL = 0.03
 """World units a second (1 = median depth) below which a thing stands still: about what jitter of the fit gives."""
 WINDOW = 0.25
 """Seconds before and after a moment that tell whether something moves at it."""
-SIDEWAYS = 0.05
-"""Fraction of the picture's width that a thing must cross to go to the left or the right."""
 THING = "something unnamed"
 """What moving things are called that the scene has no word for."""
 NO_PEOPLE = "The fit of this scene found no people and its words know none, so whether anybody is there I cannot tell."
@@ -141,22 +139,15 @@ def answer(
     evidence: list[dict[str, Any]] = []
     question, people = in_ordinals(scene, question, "question", selected=known[it].chosen if it else None, names=known)
     labels = [*labels_of(scene), *people, *known]
+    labels += untaught_words(scene) if labels else []
     understood, mended = read_as_meant(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
     )
     sentences = [*mended]
     for asked in (one for read in understood for one in _for_each_person(scene, read, known)):
-        if any(thing not in known and lacks_people(scene, thing) for thing in asked.things):
-            sentences.append(NO_PEOPLE)
-            continue
-        if _compares(asked):
-            sentence, things = _compared(scene, asked, engines.encode, known)
-            sentences.append(sentence)
-            evidence.append({"asked": asked.kind, "span": asked.span, "things": things})
-            continue
-        found = [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, known, engines)
-        sentences.append(compose(scene, asked, found, engines.encode))
-        evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
+        sentence, grounds = _computed(scene, asked, trajectory, known, engines)
+        sentences.append(sentence)
+        evidence += [{"asked": asked.kind, "span": asked.span, **one} for one in grounds]
     named = [name for one in evidence for name in one.get("things") or [one.get("label", "")] if name not in known]
     sentences += remarks_on(scene, named)
     limits = (
@@ -165,6 +156,19 @@ def answer(
     different = " ".join(dict.fromkeys(sentences))  # what is not there is missing from every part of the question
     text = f"{different} (Computed from {limits}; no language model was asked.)"
     return Answer(text, COMPUTED, {"views": len(views), "sightings": evidence})
+
+
+def _computed(
+    scene: Scene, asked: Asked, trajectory: Trajectory, names: Mapping[str, Selection], engines: Engines
+) -> tuple[str, list[dict[str, Any]]]:
+    """Return the sentence that answers one question, and its evidence."""
+    if any(thing not in names and lacks_people(scene, thing) for thing in asked.things):
+        return NO_PEOPLE, []
+    if _compares(asked):
+        sentence, things = _compared(scene, asked, engines.encode, names)
+        return sentence, [{"things": things}]
+    found = [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, names, engines)
+    return compose(scene, asked, found, engines.encode), [asdict(sighting) for sighting in found]
 
 
 def _for_each_person(scene: Scene, asked: Asked, names: Collection[str]) -> list[Asked]:
@@ -287,15 +291,12 @@ def _sighting(scene: Scene, label: str, selection: Selection, observed: _Observe
     moves = np.flatnonzero(np.nan_to_num(steps) > STILL * np.diff(times) / scene.fps)
     if len(moves):
         camera = scene.cameras.at(float(times[(moves[0] + moves[-1] + 1) // 2]))
-        rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
-        ends = places[[moves[0], moves[-1] + 1]].astype(np.float64) @ rotation.T + translation
-        # Beside its mean depth, not by its place in the picture: what comes nearer off the middle does not go aside.
-        drift = (ends[1, 0] - ends[0, 0]) * camera.focal / max(abs(ends[:, 2].mean()), 1e-9) / camera.width
+        way = way_across(camera, places[[moves[0], moves[-1] + 1]])
         sighting = replace(
             sighting,
             path=float(steps[moves].sum()),
             frames=(round(float(times[moves[0]])), round(float(times[moves[-1] + 1]))),
-            heading="" if abs(drift) < SIDEWAYS else "to the right" if drift > 0 else "to the left",
+            heading=f"to the {way}" if way else "",
         )
     fractions = seen.mean((1, 2))
     best = int(fractions.argmax())

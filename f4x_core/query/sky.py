@@ -17,6 +17,8 @@ from .objects import MOSTLY
 from .segmentation import connected_regions, sums_around
 from .superpixels import static_part
 
+SKY = "sky"
+"""The word for it."""
 SKY_WORDS = re.compile(r"(?:the )?(?:(?:blue )?sky|heavens?)", re.IGNORECASE)
 """Names of the sky."""
 COLUMNS = 64

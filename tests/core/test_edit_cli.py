@@ -76,6 +76,14 @@ def test_an_edit_that_changes_no_gaussian_is_refused(scene, tmp_path, capsys):
     assert main(["edit", str(scene), "--say", "call the wall rex"]) == 0  # a name need not change any
 
 
+def test_what_is_faster_from_some_frame_on_changes_only_what_lies_between(scene, tmp_path):
+    frames = len(read_scene(scene).cameras)
+    file = tmp_path / "ops.json"
+    faster = {"op": "retime", "select": {"by": "moving"}, "speed": 2.0, "frames": [frames // 2, None]}
+    file.write_text(json.dumps([faster]))
+    assert main(["edit", str(scene), "--ops", str(file)]) == 0
+
+
 def test_undo_of_more_than_there_are_takes_all_back_and_says_so(scene, operations, capsys):
     f4x(capsys, "edit", scene, "--ops", operations)
     assert main(["undo", str(scene), "--count", "99"]) == 0

@@ -308,7 +308,8 @@ def test_what_was_deleted_is_not_there(scene):
 
 
 def test_a_direction_that_is_too_little_to_tell_is_told(scene, monkeypatch):
-    monkeypatch.setattr("f4x_core.query.questions.SIDEWAYS", 0.5)
+    for module in ("questions", "connected_objects"):
+        monkeypatch.setattr(f"f4x_core.query.{module}.SIDEWAYS", 0.5)
     said = answer(scene, "Which way does the square go?").text
     assert "The square moves from" in said and "less than 50% of the picture's width" in said
 

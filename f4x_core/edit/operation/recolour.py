@@ -330,7 +330,7 @@ def fading_to(rgb: Vector) -> Value:
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         fields = when.fading(context, inward=False)
         if "ease" not in fields:
-            start = max(context.frames - 1 - context.fps, 0.0) if who == All() else 0.0
+            start = context.frames - 1 - context.edge if who == All() else 0.0
             fields = {"frames": (start, None), **fields, "ease": "linear"}
         if not any(rgb):
             return Recolour(who, rgb, "multiply", **fields)
