@@ -46,6 +46,13 @@ class Parser(argparse.ArgumentParser):
         joint = " " if message.endswith("?") else "; "
         raise F4xError(f"{message}{joint}`{self.prog} --help` shows what is possible.")
 
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def]
+        """Parse as argparse does; report what is not known here, where the verb is, and not by the parser of all verbs."""
+        namespace, rest = super().parse_known_args(args, namespace)
+        if rest:
+            self.error(f"unrecognized arguments: {' '.join(rest)}")
+        return namespace, rest
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Name the nearest of the choices where a value is none of them, and all of them where none is near."""
         choices = [str(choice) for choice in action.choices or ()]
@@ -282,7 +289,7 @@ def _open(verbs: Verbs) -> None:
     sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
     scene_option(sub, "a .f4x scene or splats (.ply, .splat, .spz, .glb)")
     edits_option(sub)
-    sub.add_argument("--write", type=path_argument, metavar="FILE", help="only write the page there")
+    sub.add_argument("-o", "--write", type=path_argument, metavar="FILE", help="only write the page there")
     sub.add_argument("--word", metavar="WORD[,WORD]", help="buttons that colour what these words mean")
     sub.add_argument(
         "--degrees",

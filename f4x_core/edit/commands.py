@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..language.amounts import LEAST_PERCENTS, amount, degree, fraction_of, multiple, number, percent
+from ..language.amounts import LEAST_PERCENTS, amount, degree, fraction_of, multiple, no_stop, number, percent
 from ..language.colours import colour
 from ..language.courtesies import ASIDE, CALLS, COMMENTS, WISHES
 from ..language.degrees import Amount
@@ -300,7 +300,7 @@ COMMANDS: list[Command] = [
             "<multiple>|x <number>]|<half>|until [it|he|she|they] [is|are] <multiple> as [big|tall|large|high|"
             "long|wide|small|fast|bright]] (of [its|the|their|his|her] (original|normal|present|current) "
             "[size|speed|brightness|pace]|of what it [is|was] (now|before)|[size|speed|the size|the speed|its "
-            "size|opacity])", half=table({"in half|by half|by a half": 0.5}, reserve=False),
+            "size|opacity])", half=table({"in half|by half|by a half": 0.5}, reserve=False) + no_stop,
             size=fraction_of("size|sizes|dimensions|scale|height|width|length|speed|pace|tempo|brightness"),
         ),
         particle="(right|way) [up|down]|in size|in tempo|more|even more|further|([keeping|with]) ([from|about|"

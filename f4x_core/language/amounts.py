@@ -86,10 +86,13 @@ signed = _say("[-|minus] <number>") >> (lambda x: -x) | number
 VOCABULARY.update(ONES, TENS, FRACTIONS, _MANY)
 
 percent = _say("<number> [%|percent|per cent|pct]") >> (lambda x: x / 100)
-fraction = _fraction_word | generated(
+_any_fraction = _fraction_word | generated(
     lambda reading, at: ((end, x) for end, x in number_at(reading, at) if reading.word(at + 1) == "/" and 0 < x < 1),
     lambda: frozenset("0"),
 )
+no_stop = unless(_say("(of) [a|an] [stop|f stop|ev]"))
+"""Behind a fraction: "half a stop" is an amount of light."""
+fraction = _any_fraction + no_stop
 multiple = either(
     _say("<number> [times|x|fold]|x <number>"),
     table({"twice|double|doubly|two times|two fold": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}),
@@ -131,8 +134,11 @@ softly = degree | table(
     }
 )
 """How much of something there is: "very blurry"."""
-_so_many = table({"half a": 0.5, "a|one": 1.0}) | number | fraction
-stops = _say("<_so_many> (of a|a) [stop|stops|f stop|f stops|ev]") >> (lambda x: Amount("stops", x))
+_so_many = table({"half a": 0.5, "a|one": 1.0}) | number | _any_fraction
+_part_more = _say("and <_any_fraction>")
+stops = _say("<_so_many> (of a|a) [stop|stops|f stop|f stops|ev] <_part_more?>") >> (
+    lambda x, more: Amount("stops", x + (more or 0))
+)
 """How light is counted in cameras: each doubles it."""
 _hedge = ~keyword(",") + ~literal(
     "(only|just) [about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly|almost|close to|just "
