@@ -98,7 +98,7 @@ _separator_or_number = _say.table({"<_separator> (<_number_of_item>)": lambda ha
 
 
 def _heading_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
-    """The heading of a note, which names no thing: "grade: "."""
+    """Yield the end of a note's heading, which names no thing: "grade: "."""
     end = next((end for end in range(at + 1, at + 1 + _MAX_HEADING) if reading.word(end) == ":"), None)
     words = set(reading.words[at:end])
     if end is not None and words <= (VOCABULARY | NO_THINGS) - COLOURS.keys() and not span.at(reading, at):

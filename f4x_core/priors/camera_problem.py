@@ -1,4 +1,4 @@
-"""What the stages of the camera solver pass on: the problem of one clip, and what an attempt to solve it found."""
+"""The camera solver's problem for one clip, and an attempt to solve it, which its stages pass on."""
 
 from __future__ import annotations
 

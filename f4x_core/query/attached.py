@@ -22,7 +22,7 @@ NO_BOND = 1e-9
 
 
 class Attached(NamedTuple):
-    """Which of a scene's N Gaussians belong to a chosen thing besides its own."""
+    """Gaussians that belong to a chosen thing besides its own, of a scene's N."""
 
     shadow: np.ndarray
     """(N,) bool: its shadow, reflection or ripples."""
