@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from ...errors import F4xError
-from ...language.lexicon import PLACES
+from ...language.lexicon import PLACES, word_set
 from ...language.refusal import Refusal
 from ..change import Change, ChangeWithShadow, Reply, Span, TimeMap, check_numbers, check_scale, check_span
 from ..description import percent_words, span_words, whom_with
@@ -212,11 +212,16 @@ class Retime(Retiming):
             + (say.fraction_of("speed|pace|tempo|rate|velocity") | ~say.keyword("a") + say.multiple)
             >> retimed,
         )
+        times = say.command(
+            "play the dog at 2x", retimed, "verb by", say.TIMED, _playing(),
+            verb=say.phrase("{run}") + say.here(lambda reading, at: reading.word(at - 1) not in MERELY),
+            by="(at|with|in|to) [<number> x|x <number>]|[at|to] <percent> ![transparent|visible|opacity|opaque|of]",
+        )  # fmt: skip
         slow = say.command(
             "slow motion, please", say.as_given, "values", say.WHOLE, _playing(), verb="{run}",
             values=say.either(speed, _backward() >> (lambda: reversed)) >> (lambda value: ((value,),)),
         )  # fmt: skip
-        return say.Sentences((slow,), (quality,), alone=(speed,))
+        return say.Sentences((times, slow), (quality,), alone=(speed,))
 
 
 @dataclass(frozen=True)
@@ -328,6 +333,8 @@ def reversed(who: SelectKind, when: When, _: SentenceContext) -> Change:
 
 
 MOTIONS = "motion|motions|movement|movements|action|animation|walk|run|jump|dance|ride|spin|turn|flight|swing|fall|kick|leap|hop"
+MERELY = word_set("make makes making made get gets got be have has let put set keep")
+"""Of the verbs of playing those that do not say that it is about speed."""
 
 
 def _playing() -> Rule:
