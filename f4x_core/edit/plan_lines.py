@@ -12,6 +12,7 @@ import numpy as np
 from ..geometry.camera import Camera
 from ..query.connected_objects import width_along
 from ..scene import Scene
+from ..scene.model import PosedSplats
 from .apply import edited, with_operations
 from .change import Change, Vector
 from .resolve import rows_of, splat_rows
@@ -75,13 +76,18 @@ class Seen:
         return self.camera.camera_to_world[:3, :3]
 
     @cached_property
+    def posed(self) -> PosedSplats:
+        """The scene's Gaussians at that moment."""
+        return self.scene.posed(self.time)
+
+    @property
     def means(self) -> np.ndarray:
         """(n,3) centers."""
-        return self.scene.posed(self.time).means[self.rows]
+        return self.posed.means[self.rows]
 
     def in_widths(self, way: Vector) -> Vector:
         """A way of the world in widths of the Gaussians along the camera's axes; what is slight beside the rest is none."""
-        width = max(width_along(self.means, self.axes[:, 0]), 1e-9) if len(self.rows) else 1.0
+        width = max(width_along(self.posed, self.rows, self.axes[:, 0]), 1e-9) if len(self.rows) else 1.0
         seen = self.axes.T @ np.array(way) / width
         x, y, z = (float(np.round(part, 2)) if abs(part) >= SLIGHT * np.abs(seen).max() else 0.0 for part in seen)
         return x, y, z

@@ -24,6 +24,7 @@ from ..query.score import THRESHOLD
 from ..query.selection import SELECTED, Selection, fingerprint
 from ..query.surroundings import NO_THING, everything_to, is_backdrop, known_things
 from ..scene import Scene
+from ..scene.model import PosedSplats
 from ..scene.people import single_people
 from .apply import EditedScene, edited, next_id, with_operations
 from .change import DIRECTIONS, Change, ChangeWithShadow
@@ -415,9 +416,14 @@ class Settling:
         return self.scene.cameras.at(self.time).camera_to_world[:3, :3]
 
     @cached_property
+    def posed(self) -> PosedSplats:
+        """The scene's N Gaussians then."""
+        return self.scene.posed(self.time)
+
+    @property
     def means(self) -> np.ndarray:
         """(N,3) centers then."""
-        return self.scene.posed(self.time).means
+        return self.posed.means
 
     def each(self) -> tuple[SelectKind, ...]:
         """The separate things that it is for; none where it is one."""

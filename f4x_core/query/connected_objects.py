@@ -31,6 +31,9 @@ MOMENTS = 9
 """Clip times, evenly over the clip, at which it is looked where a thing is."""
 PRESENT = 0.1
 """Sum of a thing's opacities, by its largest, from which on it is there."""
+VISIBLE = 0.05
+"""Opacity below which a Gaussian is not seen. Of a jumping horse's 12,942 Gaussians 2,877 are seen in its first frame; all are 2.9
+times as wide."""
 INNER = (2, 98)
 """Percentiles between which an extent is measured: floaters do not count."""
 
@@ -208,7 +211,11 @@ def ways_of(scene: Scene, rows: np.ndarray, owner: np.ndarray) -> np.ndarray:
     return np.array(ways, str)[owner]
 
 
-def width_along(points: np.ndarray, axis: np.ndarray) -> float:
-    """World units that `points (n,3)` extend along the unit vector `axis (3,)`, outliers left out."""
-    low, high = np.percentile(points @ axis, INNER)
+def width_along(posed: PosedSplats, rows: np.ndarray, axis: np.ndarray) -> float:
+    """Return the world units that the Gaussians `rows (n,)` extend along the unit vector `axis (3,)`.
+
+    Outliers and what cannot be seen are left out: what moves has many Gaussians that show at other times alone.
+    """
+    seen = rows[posed.opacities[rows] >= VISIBLE]
+    low, high = np.percentile(posed.means[seen if len(seen) else rows] @ axis, INNER)
     return float(high - low)

@@ -77,7 +77,7 @@ def measure(
             continue
         centres = np.stack([np.average(one.means[rows], 0, one.opacities[rows] + 1e-6) for one in posed]).astype(float)
         seen = [camera.project(centre[None]) for camera, centre in zip(cameras, centres, strict=True)]
-        width, height = (width_along(posed[0].means[rows], cameras[0].camera_to_world[:3, axis]) for axis in (0, 1))
+        width, height = (width_along(posed[0], rows, cameras[0].camera_to_world[:3, axis]) for axis in (0, 1))
         name = label if label in named else f"the {label}"
         pixels, depth = np.stack([pixel[0] for pixel, _ in seen]), np.array([far[0] for _, far in seen])
         measured.append(

@@ -326,9 +326,9 @@ def _sizes(scene: Scene, rows: np.ndarray, time: float) -> list[tuple[float, flo
     posed, camera = scene.posed(time), scene.cameras.at(time)
     owner = separate_objects(posed, rows, single_people(scene, rows))
     right, down = camera.camera_to_world[:3, 0], camera.camera_to_world[:3, 1]
-    ones = [posed.means[rows[owner == number]] for number in range(owner.max() + 1)]
-    ones.sort(key=lambda points: float(np.median(points @ right)))
-    return [(width_along(points, down), width_along(points, right)) for points in ones]
+    ones = [rows[owner == number] for number in range(owner.max() + 1)]
+    ones.sort(key=lambda one: float(np.median(posed.means[one] @ right)))
+    return [(width_along(posed, one, down), width_along(posed, one, right)) for one in ones]
 
 
 def _compared(

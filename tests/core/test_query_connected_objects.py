@@ -1,5 +1,7 @@
 """Which Gaussians make up one thing, and which of several things is meant, against sums written out."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -203,7 +205,11 @@ def test_a_part_is_an_outer_share_of_the_extent(side, share):
 def test_centres_and_widths():
     points, owner, weights = np.arange(12.0).reshape(4, 3), np.array([0, 1, 0, 1]), np.array([1.0, 1, 3, 0])
     np.testing.assert_allclose(centres_of(points, owner, weights), [[4.5, 5.5, 6.5], [3, 4, 5]])
-    many = np.random.default_rng(0).uniform(-1, 1, (5000, 3)) * (1, 2, 3)
+    many = np.random.default_rng(0).uniform(-1, 1, (10000, 3)) * (1, 2, 3)
     many[0] = 100  # a floater
+    opacities = np.where(np.arange(10000) < 5000, 1.0, 0.04)
+    many[5000:] *= 4  # shown at other times
+    posed = SimpleNamespace(means=many, opacities=opacities)
     for axis, width in enumerate((2, 4, 6)):
-        assert width_along(many, np.eye(3)[axis]) == pytest.approx(0.96 * width, rel=0.02)
+        for rows, wide in ((np.arange(10000), width), (np.arange(5000, 10000), 4 * width)):
+            assert width_along(posed, rows, np.eye(3)[axis]) == pytest.approx(0.96 * wide, rel=0.02)

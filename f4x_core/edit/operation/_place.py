@@ -57,7 +57,7 @@ class Placing(ChangeWithShadow):
             return fields | {"beside": None, self.WAY: self._way_beside(at)}
         move = np.array(self.way)
         if self.unit == "size" and move.any():
-            move = move * width_along(at.means[at.rows], at.axes[:, 0])
+            move = move * width_along(at.posed, at.rows, at.axes[:, 0])
         turn = at.axes if self.axes == "camera" else np.eye(3)
         return fields | {self.WAY: vector(turn @ move)}
 
@@ -70,7 +70,7 @@ class Placing(ChangeWithShadow):
         if not way.any():  # on the side where it is already, right or left
             way[0] = -1.0 if at.axes[:, 0] @ apart > 0 else 1.0
         axis = int(np.abs(way).argmax())
-        widths = [width_along(at.means[some], at.axes[:, axis]) for some in (at.rows, others)]
+        widths = [width_along(at.posed, some, at.axes[:, axis]) for some in (at.rows, others)]
         gap = widths[1] if axis == 1 and way[1] < 0 else widths[0] if axis == 1 else GAP * sum(widths) / 2
         return vector(apart + at.axes @ way * gap)
 
