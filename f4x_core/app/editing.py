@@ -72,9 +72,8 @@ class Edited:
         first, last = (float(time) for time in self.after.cameras.times[[0, -1]])
         named = [last if moment is None else float(moment) for edit in self.new for moment in edit.operation.moments]
         moments = sorted({first, *named, last})
-        between = [
-            (one + other) / 2 for one, other in pairwise(moments)
-        ]  # what is only faster is the same at both ends
+        # Between them, too: what is only faster is the same at both ends.
+        between = [(one + other) / 2 for one, other in pairwise(moments)]
         return any(map(self._differs, [*between, *moments]))
 
     def _differs(self, time: float) -> bool:

@@ -135,7 +135,7 @@ def propose(
 def _raise_with_help(
     error: F4xError, scene: Scene, sentence: str, asked: tuple[Change, ...], notes: tuple[str, ...]
 ) -> NoReturn:
-    """Raise the error of the plain reading `asked` of a sentence, behind `notes`, with commands that can be said instead."""
+    """Raise the error of the plain reading `asked` of a sentence, behind `notes`, with commands to give instead."""
     reason = " ".join([*notes, str(error)])
     if isinstance(error, Several):
         offered = tuple(one for one in error.commands if language.operations_of(one, labels_of(scene)))

@@ -47,7 +47,7 @@ class SceneTask:
         return open_with(Path(self.scene), self.edits)
 
     def carry_out(self, progress: Progress) -> tuple[dict[str, Any], str]:
-        """Do it; returns the result and a sentence about it. Raises F4xError where that is impossible."""
+        """Carry out the task. Return the result and a sentence about it. Raises F4xError where that is impossible."""
         raise NotImplementedError
 
     @classmethod

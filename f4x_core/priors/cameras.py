@@ -194,8 +194,7 @@ def _or_of_all_tracks(job: CameraProblem, found: Attempt) -> Attempt:
     """Return `found`, or moving cameras of all tracks where those explain clearly more of the picture and the static tracks as
     sharply; either notes the fraction that it explains."""
     best, most = found, explained_fraction(found.solution.bundle, job.tracks, job.visible)
-    static = job.tracks[:, job.static], job.visible[:, job.static]
-    blurred = MAX_LESS_SHARP * track_error(found.solution.bundle, *static)
+    tracks, visible = job.tracks[:, job.static], job.visible[:, job.static]
     for solver in ("direct", "tracks") if job.settings.solver == "auto" else (job.settings.solver,):
         if most >= ENOUGH_EXPLAINED:
             break
@@ -204,11 +203,9 @@ def _or_of_all_tracks(job: CameraProblem, found: Attempt) -> Attempt:
         other = _solve(everything)
         bundle = other.solution.bundle
         explained, more = explained_fraction(bundle, job.tracks, job.visible), MIN_EXPLAINED_MORE * (best is found)
-        if (
-            other.kind != "moving"
-            or explained <= max(most + more, MIN_STANDING)
-            or track_error(bundle, *static) > blurred
-        ):
+        if other.kind != "moving" or explained <= max(most + more, MIN_STANDING):
+            continue
+        if track_error(bundle, tracks, visible) > MAX_LESS_SHARP * track_error(found.solution.bundle, tracks, visible):
             continue
         translation = translation_of(everything, other.solution)
         if translation.real:

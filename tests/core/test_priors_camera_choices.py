@@ -30,7 +30,7 @@ from f4x_core.priors.zoom import Zoom, mean_cost
 from f4x_core.progress import silent
 
 
-def standing(frames):
+def static_solution(frames):
     """A camera that stands and sees nothing."""
     return cameras._static_camera(np.tile(np.eye(3), (frames, 1, 1)), replace(job_of(), focal=100.0))
 
@@ -188,7 +188,7 @@ def test_the_first_camera_is_the_origin_of_the_same_geometry():
     behind = replace(true, points=np.where(np.arange(20)[:, None] < 8, -true.points, true.points))
     z = behind.local(solution.observations)[:, 2]
     assert cameras._median_depth(replace(solution, bundle=behind)) == pytest.approx(np.median(z[z > 0]))
-    nothing = standing(3)
+    nothing = static_solution(3)
     assert cameras._median_depth(nothing) == 1 and nothing.registered.all() and not nothing.bundle.center.any()
     np.testing.assert_array_equal(nothing.bundle.rotation, np.tile(np.eye(3), (3, 1, 1)))
     assert nothing.bundle.points.shape == (0, 3) and nothing.observations.uv.shape == (0, 2)
@@ -468,7 +468,7 @@ def known(error, registered):
     registered = np.array(registered, bool)
     count = len(registered)
     bundle = Bundle(error, PRINCIPAL, np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros((0, 3)))
-    return Known(bundle, standing(1).observations, registered)
+    return Known(bundle, static_solution(1).observations, registered)
 
 
 ALL, NINE, EIGHT, FIVE, FOUR = ([1] * n + [0] * (10 - n) for n in (10, 9, 8, 5, 4))
@@ -592,7 +592,7 @@ def test_the_lens_is_looked_for_again_where_the_background_is_sure(monkeypatch):
     assert again.statistics == {"focal_search": {"curve": 1}} and asked == [job.sharp_lens]
     assert again.solution.bundle.focal == pytest.approx(true.focal, rel=0.02)  # a wrong one is adjusted away again
     for given, start in (
-        (job, replace(again, solution=found)),  # a depth prior told it
+        (job, replace(again, solution=found)),  # a depth prior has set it
         (job_of(true, focal=0.9), Attempt(found)),
         (job, Attempt(replace(found, registered=np.zeros(8, bool)))),
         (job, Attempt(found, statistics={"grown": True})),
@@ -900,7 +900,7 @@ def test_a_known_focal_length_is_handed_to_the_zoom(monkeypatch, focal):
 
 def test_a_clip_without_sightings_has_no_parallax(monkeypatch):
     job = job_of()
-    monkeypatch.setattr(pan, "search_focal", lambda *all, **more: (standing(1), {}))
+    monkeypatch.setattr(pan, "search_focal", lambda *all, **more: (static_solution(1), {}))
     monkeypatch.setattr(structure, "_moving", lambda job, turning: None)
     found = structure.first_solution(job)
     assert found.statistics["parallax_px"] == 0 and "assumed" not in found.statistics
