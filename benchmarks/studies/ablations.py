@@ -17,7 +17,7 @@ from f4x_core.features.heads import Head, head_widths
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.fit.config import FitConfig
 from f4x_core.fit.losses import rgb_loss
-from f4x_core.fit.model import Moved, SceneModel
+from f4x_core.fit.model import Moved, Present, SceneModel
 from f4x_core.fit.pipeline import finish_fit, start_fit
 from f4x_core.fit.trainer import Trainer
 from f4x_core.gaussians import appearance
@@ -158,9 +158,11 @@ def linear_blend(turn: Array, shift: Array, weights: Array, x: Array, q: Array) 
 class LinearModel(SceneModel):
     """A scene under optimisation whose Gaussians are carried by linear blends; torch alone."""
 
-    def dynamic_at(self, *times: float) -> list[Moved]:
+    def dynamic_at(self, *times: float, present: Present | None = None) -> list[Moved]:
         """Pose the dynamic Gaussians, with the interface of the dual-quaternion model."""
         assert self.dynamic is not None and self.nodes is not None
+        present = present or self.all_dynamic
+        rows = slice(None) if present.rows is None else present.rows
         xyz, quat = self.nodes.parameters["node_xyz"], self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
         weights, _ = self.skinning(x)
@@ -169,7 +171,8 @@ class LinearModel(SceneModel):
         posed = []
         for moment in times:
             turn, shift = dual_quaternion.to_pose(deformer.relative_motions(xyz, quat, moment))
-            posed.append(Moved(*linear_blend(turn[index], shift[index], weights, x, q), moment))
+            means, quats = linear_blend(turn[index], shift[index], weights, x, q)
+            posed.append(Moved(means[rows], quats[rows], moment, present))
         return posed
 
 

@@ -248,6 +248,9 @@ class FitConfig:
     """Steps of the joint photometric stage, for clips of up to `USUAL_FRAMES` frames (`for_frames`)."""
     coarse: float = 0.1
     """Fraction of the steps done at half resolution."""
+    closeups: int = 0
+    """Steps of dynamic Gaussians and nodes alone after each of the others, each on the window around what moves in another
+    frame. Of a fast mover a frame has few Gaussians of its own, and each frame is drawn a dozen times in a short fit."""
     priors: PriorsConfig = field(default_factory=PriorsConfig)
     """Providers of the priors."""
     scaffold: ScaffoldConfig = field(default_factory=ScaffoldConfig)
@@ -349,11 +352,12 @@ def _quick() -> FitConfig:
         name="quick",
         steps=1200,
         coarse=0.15,
+        closeups=2,
+        # Lifetimes that learn twice as fast show the given frames of a dancer no better, and lose .1 dB of those between
+        # (breakdance).
+        rates=RateConfig(lifetimes=0.0025),
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
         scaffold=ScaffoldConfig(geometry_steps=150),
-        # Fewer steps have to go as far; three times faster tears nodes off the surface (dog, train: -1.1 to -1.5 dB of what
-        # moves), three times slower leaves errors of their tracks (dog: -1.2).
-        rates=RateConfig(lifetimes=0.015, node_xyz=(5e-4, 1e-5), node_quat=(1e-3, 2e-5)),
         # Half as many static Gaussians to begin with as there will be: where one is missing is known after some steps, and few are
         # cheap. Begun with nearly all of them, blackswan is .4 dB worse after 600 steps, dog the same; of moving ones people-walk
         # wants all at once (10 degrees aside -.4 dB otherwise).

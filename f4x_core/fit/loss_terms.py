@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -13,10 +12,10 @@ from ..raster import RasterOutput
 from ..scaffold.losses import MotionTerms, motion_loss
 from ..scaffold.motion_native import MotionWeights
 from .config import FitConfig
-from .frame_data import FrameData, FramePriors, MovingTracks
+from .frame_data import FrameTarget, MovingTracks
 from .frame_native import FrameMaps
 from .losses import FrameFactors, depth_loss, depth_roughness, frame_losses, rgb_loss
-from .model import SceneModel
+from .model import Present, SceneModel
 
 TRACK_CLAMP = 20.0
 """A correspondence further off than this many pixels is an outlier whose pull is capped."""
@@ -28,23 +27,25 @@ MIN_DEPTH = 1e-2
 
 @dataclass(frozen=True)
 class Rendered:
-    """The model's render of one supervised frame."""
+    """The model's render of one supervised frame, or of a window of it."""
 
-    frame: int
-    data: FrameData
-    """Frames and priors that supervise it."""
+    on: FrameTarget
+    """The frame and its priors."""
     output: RasterOutput
     """Channels: rgb; where something moves the alpha of what is dynamic; with a partner, positions (3) at the partner's time."""
     partner: int | None = None
     """The supervised frame whose tracks it is compared with, if any."""
     step: int = 0
     """The step for which it was drawn."""
+    offset: Tensor | None = None
+    """(N,2) pixels by which the projected means were moved: zeros, whose gradient tells how the loss pulls at them."""
+    present: Present | None = None
+    """The dynamic Gaussians among the N; None where nothing moves."""
 
     @property
     def hidden(self) -> Tensor | None:
         """(H,W,1) bool: pixels of the frame that nobody saw; None where all were seen."""
-        hidden = self.data.hidden
-        return None if hidden is None else hidden[self.frame][..., None]
+        return None if self.on.hidden is None else self.on.hidden[..., None]
 
     @property
     def channels(self) -> Tensor:
@@ -60,7 +61,7 @@ class Rendered:
     @property
     def target(self) -> Tensor:
         """(H,W,3) uint8, the frame; what was drawn where nobody saw it, so that no window of SSIM differs for it."""
-        frame, hidden = self.data.rgb[self.frame], self.hidden
+        frame, hidden = self.on.rgb, self.hidden
         if hidden is None:
             return frame
         return torch.where(hidden, (255 * self.rgb.detach().clamp(0, 1)).round().byte(), frame)
@@ -75,15 +76,10 @@ class Rendered:
         """(H,W,3) composited world positions at the partner's time."""
         return self.output.channels[..., 4:7]
 
-    @cached_property
-    def maps(self) -> FramePriors:
-        """The priors of the frame."""
-        return self.data.maps(self.frame)
-
     @property
     def motion(self) -> Tensor:
         """(H,W) float32 moving score of the frame."""
-        return self.maps.motion.float()
+        return self.on.priors.motion.float()
 
 
 @dataclass(frozen=True)
@@ -96,6 +92,8 @@ class LossTerm:
     """The unweighted scalar."""
     every: int = 1
     """Steps between two at which it counts."""
+    whole: bool = False
+    """True if it is about whole frames or the cameras, and a window says nothing about it."""
 
     def due(self, step: int) -> bool:
         """Return True if it counts at `step`."""
@@ -126,10 +124,10 @@ def loss_terms(model: SceneModel, tracks: MovingTracks, config: FitConfig) -> tu
         ]
     if model.dynamic is not None:
         terms += [
-            LossTerm("track", weights.track, losses.track, config.track_every),
+            LossTerm("track", weights.track, losses.track, config.track_every, whole=True),
             LossTerm("motion", config.motion_every, losses.motion, config.motion_every),
         ]
-    terms.append(LossTerm("camera smoothness", weights.camera_smoothness, losses.camera_smoothness))
+    terms.append(LossTerm("camera smoothness", weights.camera_smoothness, losses.camera_smoothness, whole=True))
     return tuple(term for term in terms if term.weight)
 
 
@@ -141,7 +139,7 @@ class _Losses:
 
     def pixels(self, rendered: Rendered) -> Tensor:
         """Return the weighted sum of the losses rgb, depth, roughness and mask, by the compiled library."""
-        config, maps = self.config, rendered.maps
+        config, maps = self.config, rendered.on.priors
         weights, output = config.losses, rendered.output
         rough = config.rough_every * weights.roughness if rendered.step % config.rough_every == 0 else 0.0
         return frame_losses(
@@ -160,13 +158,13 @@ class _Losses:
 
     def depth(self, rendered: Rendered) -> Tensor:
         """Compare inverse depth with the prior's, by its confidence."""
-        maps, output = rendered.maps, rendered.output
+        maps, output = rendered.on.priors, rendered.output
         return depth_loss(output.depth, output.alpha, maps.depth, maps.confidence.float())
 
     def roughness(self, rendered: Rendered) -> Tensor:
         """Bends of the background's depth where the frame is plain and the prior's depth unsure."""
         output = rendered.output
-        unsure = (1 - rendered.maps.confidence.float()) * (1 - rendered.motion)
+        unsure = (1 - rendered.on.priors.confidence.float()) * (1 - rendered.motion)
         return depth_roughness(output.depth, output.alpha, rendered.target.float() / 255, unsure)
 
     def mask(self, rendered: Rendered) -> Tensor:
@@ -180,7 +178,7 @@ class _Losses:
         partner, alpha = rendered.partner, rendered.output.alpha
         if partner is None:
             return alpha.new_zeros(())
-        here, expected = self.tracks.shared(rendered.frame, partner)
+        here, expected = self.tracks.shared(rendered.on.frame, partner)
         width, height = self.tracks.width, self.tracks.height
         grid = (
             here / torch.tensor([width, height], dtype=torch.float32) * 2 - 1
@@ -198,7 +196,7 @@ class _Losses:
     def motion(self, rendered: Rendered) -> Tensor:
         """Return the physics-inspired losses of the nodes on the frames around the rendered one."""
         config, model, w = self.config, self.model, self.config.losses
-        nodes, frame, reach = model.nodes, rendered.frame, max(config.shifts)
+        nodes, frame, reach = model.nodes, rendered.on.frame, max(config.shifts)
         assert nodes is not None
         window = slice(max(0, frame - reach), frame + reach + 1)
         weights = MotionWeights(

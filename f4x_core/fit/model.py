@@ -103,15 +103,28 @@ class Attachment:
     """(N,) float32 clip time at which each Gaussian has its reference."""
 
 
+class Present(NamedTuple):
+    """M of the dynamic Gaussians: those that are there at some time."""
+
+    gaussians: DynamicGaussians
+    """The M; they send their gradients to the whole set."""
+    born: Tensor
+    """(M,) clip time at which each has its reference."""
+    rows: Tensor | None
+    """(M,) int64 their rows in the whole set; None for all."""
+
+
 class Moved(NamedTuple):
-    """The dynamic Gaussians at one time."""
+    """M dynamic Gaussians at one time."""
 
     means: Tensor
-    """(N,3)"""
+    """(M,3)"""
     quats: Tensor
-    """(N,4)"""
+    """(M,4)"""
     time: float
     """Clip time."""
+    present: Present
+    """The Gaussians that were moved."""
 
 
 def _centre(camera: Camera) -> tuple[float, float, float]:
@@ -192,54 +205,80 @@ class SceneModel:
         """(N,) float32 clip time at which each dynamic Gaussian has its reference."""
         return self.attachment.born
 
-    def dynamic_at(self, *times: float) -> list[Moved]:
-        """Return the dynamic Gaussians at each of `times` (clip frame indices), whether they are there then or not."""
+    @property
+    def all_dynamic(self) -> Present:
+        """All dynamic Gaussians, whether they are there or not."""
         assert self.dynamic is not None
+        return Present(self.dynamic, self.born, None)
+
+    def present_at(self, time: float) -> Present:
+        """Return the dynamic Gaussians that are there at the clip time `time`: of fast things one in ten."""
+        assert self.dynamic is not None
+        with torch.no_grad():
+            there = self.dynamic.presence(time - self.born) > 0
+        if bool(there.all()):
+            return self.all_dynamic
+        rows = there.nonzero()[:, 0]
+        return Present(self.dynamic.taken(rows), self.born[rows], rows)
+
+    def dynamic_at(self, *times: float, present: Present | None = None) -> list[Moved]:
+        """Return the Gaussians `present`, or all dynamic ones, at each of `times` (clip times), be they there then or not."""
         assert self.nodes is not None
         xyz = self.nodes.parameters["node_xyz"]
-        attachment = self.attachment
+        attachment, present = self.attachment, present or self.all_dynamic
         if attachment.native is not None:
-            own = self.dynamic.parameters
-            dw = own["dw"] if self.dynamic.use_dw else None
+            own = present.gaussians.parameters
+            dw = own["dw"] if present.gaussians.use_dw else None
             gaussians = GaussianTensors(own["local_means"], own["local_quats"], dw)
             nodes = NodeTensors(xyz, self.nodes.parameters["node_quat"], self.nodes.radius)
-            moved = attachment.native(gaussians, nodes, times)
-            return [Moved(*each, time) for each, time in zip(moved, times, strict=True)]
+            moved = attachment.native(gaussians, nodes, times, present.rows)
+            return [Moved(*each, time, present) for each, time in zip(moved, times, strict=True)]
+        assert self.dynamic is not None
         quat = self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
         weights, strength = self.skinning(x)
+        rows = slice(None) if present.rows is None else present.rows
         posed = []
         for time in times:
             turn, shift = attachment.deformer(xyz, quat, weights, strength, time)
-            posed.append(Moved(quaternion.rotate(turn, x) + shift, quaternion.multiply(turn, q), time))
+            means, quats = quaternion.rotate(turn, x) + shift, quaternion.multiply(turn, q)
+            posed.append(Moved(means[rows], quats[rows], time, present))
         return posed
 
-    def posed(self, moved: Moved | None) -> Splats:
-        """Return all Gaussians, static first, frozen ones last; `moved` is one entry of `dynamic_at`, None where nothing moves."""
-        parts = [self.static.splats(self.static.parameters["means"], self.static.parameters["quats"])]
-        if moved is not None and self.dynamic is not None:
-            parts.append(self.dynamic.splats_there(moved.means, moved.quats, moved.time - self.born))
+    def posed(self, moved: Moved | None, still: bool = False) -> Splats:
+        """Return the static Gaussians, then the dynamic ones `moved` (of `dynamic_at`; None = none), frozen ones last.
+
+        With `still`, static ones get no gradient.
+        """
+        first = self.static.splats(self.static.parameters["means"], self.static.parameters["quats"])
+        parts = [first.map(Tensor.detach) if still else first]
+        if moved is not None:
+            own = moved.present
+            parts.append(own.gaussians.splats_there(moved.means, moved.quats, moved.time - own.born))
         if self.frozen is not None:
             parts.append(self.frozen)
         if len(parts) == 1:
             return parts[0]
         return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in parts[0].arrays()})
 
-    def drawn(self, moved: Moved | None, camera: Camera, there: Tensor | None = None) -> Drawn:
+    def drawn(self, moved: Moved | None, camera: Camera, there: Tensor | None = None, still: bool = False) -> Drawn:
         """Return all Gaussians of `posed` as the raster takes them, with their channels as `camera` sees them.
 
         Channels: rgb; where something moves which Gaussians are dynamic; with `there` (M,3), the places of the M dynamic
-        Gaussians at another time, the places of all then, static ones staying put. They send no gradient to the camera.
+        Gaussians at another time, the places of all then, static ones staying put. They send no gradient to the camera, and
+        with `still` none to the static Gaussians.
         """
         if not self.kernels.native or self.static.parameters["shN"].shape[1] + 1 not in COEFFICIENTS:
-            splats = self.posed(moved)
+            splats = self.posed(moved, still)
             colors = appearance(splats.sh, splats.means, splats.quats, camera.center.detach(), self.kernels)
-            more = self._more_channels(splats.means, there)
+            more = self._more_channels(splats.means, moved, there)
             return Drawn(splats.means, splats.quats, splats.scales, splats.opacities, torch.cat([colors, *more], 1))
         sets, time, born, channels = [self._drawn_set(self.static)], 0.0, None, 3
-        if moved is not None and self.dynamic is not None:
-            sets.append(self._drawn_set(self.dynamic, moved, there))
-            time, born, channels = moved.time, self.born, 4 if there is None else 7
+        if still:
+            sets = [DrawnSet(*(None if tensor is None else tensor.detach() for tensor in sets[0]))]  # type: ignore[arg-type]
+        if moved is not None:
+            sets.append(self._drawn_set(moved.present.gaussians, moved, there))
+            time, born, channels = moved.time, moved.present.born, 4 if there is None else 7
         frozen = None
         if self.frozen is not None:
             own = self.frozen
@@ -254,11 +293,11 @@ class SceneModel:
         scales, opacities = own["log_scales"], own["opacity_logits"]
         return DrawnSet(means, quats, scales, opacities, own["sh0"], own["shN"], own.get("log_lifetimes"), there)
 
-    def _more_channels(self, means: Tensor, there: Tensor | None) -> list[Tensor]:
+    def _more_channels(self, means: Tensor, moved: Moved | None, there: Tensor | None) -> list[Tensor]:
         """Return the channels of `drawn` behind rgb."""
-        if self.dynamic is None:
+        if moved is None:
             return []
-        own = slice(len(self.static), len(self))
+        own = slice(len(self.static), len(self.static) + len(moved.means))
         mark = means.new_zeros(len(means), 1)
         mark[own] = 1
         still = means.detach()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,7 @@ from ..scaffold.optimise import with_graph
 from .averaging import RunningMeans
 from .checkpoint import save_checkpoint
 from .config import EndingConfig, FitConfig
-from .frame_data import FrameData, MovingTracks
+from .frame_data import FrameData, MovingTracks, Window
 from .harmonics import GAIN_DB, next_band
 from .loss_terms import LossTerm, Rendered, loss_terms, total_loss
 from .model import NodeSet, SceneModel
@@ -44,6 +44,9 @@ CAMERA_RATES = ("camera_rotation", "camera_position")
 """Parameters of the cameras, named as their fields of `RateConfig`."""
 SAVED_SCAFFOLD = ("xyz", "quat", "radius", "certain", "ids", "neighbours", "edge_mask")
 """Arrays of the scaffold in a checkpoint."""
+CLOSEUP_PIXELS = 0.3
+"""Pixels of a close-up over those of the picture, at most: of what is larger it shows a part. Of the twelve real clips the windows
+have .05 to .35."""
 MEASURED_FRAMES = 4
 """Frames rendered for one point of the quality curve."""
 USED_PER_ASIDE = 8
@@ -84,11 +87,15 @@ class Trainer:
         if config.coarse > 0:
             self.levels.append(self.levels[0].halved())
         self.tracks = MovingTracks.of(priors)
+        self.closeups = config.closeups if model.dynamic is not None and self.levels[0].moving_windows else 0
+        """Close-ups after each step."""
         self.losses: tuple[LossTerm, ...] = loss_terms(model, self.tracks, config)
         self.raster = RasterConfig(threads=model.kernels.threads)
         self.generator = torch.Generator().manual_seed(config.seed)
         self.order: list[int] = []
         """Frames that are still to be drawn before each was drawn once more."""
+        self.closeup_order: list[int] = []
+        """The same for close-ups."""
         self.step = 0
         """Steps done."""
         self.loss = math.nan
@@ -183,18 +190,18 @@ class Trainer:
     def train_step(self) -> float:
         """Draw one frame, move the parameters along the gradient of its loss, do the actions; returns the loss."""
         self._act(Moment.START)
-        offset = torch.zeros(self._drawn_count(), 2, requires_grad=True)
         frame, config = self._next_frame(), self.config
         data = self.levels[-1] if self.fraction < config.coarse else self.levels[0]
-        background = torch.rand(3, generator=self.generator) if config.random_background else None
-        rendered = self.render(frame, data, background, offset)
+        rendered = self.render(frame, data, self._background())
         loss = total_loss(self.losses, self.step, rendered)
         loss.backward()
-        self._record_gradients(offset, rendered)
+        self._record_gradients(rendered)
         for optimiser in self.optimisers.values():
             optimiser.step()
         self.shared.step()
         self.loss = float(loss.detach())
+        for _ in range(self.closeups):
+            self._take_closeup(data)
         self._act(Moment.OPTIMISED)
         self.step += 1
         self._act(Moment.DONE)
@@ -210,35 +217,62 @@ class Trainer:
         """The fraction of all steps that are done."""
         return self.step / self.config.steps
 
-    def _drawn_count(self) -> int:
-        """Return the number of Gaussians in a picture."""
-        return len(self.model) + (0 if self.model.frozen is None else len(self.model.frozen))
+    def _take_closeup(self, data: FrameData) -> None:
+        """Draw the window around what moves in another frame, and move dynamic Gaussians and nodes along the gradient."""
+        frame = self._next_closeup()
+        full = self.levels[0]
+        window = full.moving_windows[frame].part(int(CLOSEUP_PIXELS * full.width * full.height), self.generator)
+        rendered = self.render(frame, data, self._background(), window if data is full else window.halved())
+        total_loss([term for term in self.losses if not term.whole], self.step, rendered).backward()
+        self.optimisers["dynamic"].step()
+        self.shared.step()
+
+    def _background(self) -> Tensor | None:
+        """Return the color (3,) behind the next picture."""
+        return torch.rand(3, generator=self.generator) if self.config.random_background else None
 
     def _next_frame(self) -> int:
         """Return the next frame: each supervised one once, in random order, then again; without those that are kept aside."""
         if not self.order:
-            self.order = torch.randperm(len(self.model.times), generator=self.generator).tolist()
-            if self.aside and self.step < max(steps_at(self.config.ending.at, self.config.steps)):
-                self.order = [frame for frame in self.order if frame not in self.aside]
+            self.order = self._shuffled(range(len(self.model.times)))
         return self.order.pop()
 
+    def _next_closeup(self) -> int:
+        """Return the frame of the next close-up: each in which something moves once, then again, as in `_next_frame`."""
+        if not self.closeup_order:
+            self.closeup_order = self._shuffled(self.levels[0].moving_windows)
+        return self.closeup_order.pop()
+
+    def _shuffled(self, frames: Iterable[int]) -> list[int]:
+        """Return the frames in random order, without those that are kept aside now."""
+        kept = self.aside if self.aside and self.step < max(steps_at(self.config.ending.at, self.config.steps)) else ()
+        listed = list(frames)
+        order = torch.randperm(len(listed), generator=self.generator).tolist()
+        return [listed[place] for place in order if listed[place] not in kept]
+
     def render(
-        self, frame: int, data: FrameData, background: Tensor | None = None, offset: Tensor | None = None
+        self, frame: int, data: FrameData, background: Tensor | None = None, window: Window | None = None
     ) -> Rendered:
         """Return supervised frame `frame` at the size of `data`, with all channels that the losses of the present step ask for.
 
-        `background`: (3,) rgb. `offset`: (N,2) pixels by which the projected means are moved.
+        `background`: (3,) rgb. With a `window`, that part of it alone, for losses of dynamic Gaussians and nodes: static ones
+        and the camera get no gradient then.
         """
         config, model = self.config, self.model
-        moved, there, partner = None, None, None
+        moved, there, partner, present = None, None, None, None
         if model.dynamic is not None:
-            if any(term.name == "track" and term.due(self.step) for term in self.losses):
+            if window is None and any(term.name == "track" and term.due(self.step) for term in self.losses):
                 partner = self.tracks.random_partner(frame, self.generator)
             times = [float(model.times[index]) for index in (frame, partner) if index is not None]
-            moved, *others = model.dynamic_at(*times)
+            present = model.present_at(times[0])
+            moved, *others = model.dynamic_at(*times, present=present)
             there = others[0].means if others else None
-        camera = model.rig.camera(frame, data.width, data.height)
-        drawn = model.drawn(moved, camera, there)
+        camera, target = model.rig.camera(frame, data.width, data.height), data.target(frame)
+        if window is not None:
+            camera, target = window.seen_by(camera), target.within(window).near_movers()
+            camera = replace(camera, world_to_camera=camera.world_to_camera.detach())
+        drawn = model.drawn(moved, camera, there, still=window is not None)
+        offset = torch.zeros(len(drawn.means), 2, requires_grad=True)
         if background is not None:
             background = torch.cat([background, background.new_zeros(drawn.colors.shape[1] - len(background))])
         output = rasterize(
@@ -250,15 +284,20 @@ class Trainer:
             config=self.raster,
             backend=config.backend,
         )
-        return Rendered(frame, data, output, partner, self.step)
+        return Rendered(target, output, partner, self.step, offset, present)
 
-    def _record_gradients(self, offset: Tensor, rendered: Rendered) -> None:
+    def _record_gradients(self, rendered: Rendered) -> None:
         """Hand the screen-space gradients to density control."""
-        if offset.grad is None:
+        assert rendered.offset is not None
+        pulls, visible, present = rendered.offset.grad, rendered.output.visible, rendered.present
+        if pulls is None:
             return
-        size = rendered.data.width, rendered.data.height
-        for name, rows in self.model.rows():
-            self.controls[name].record(offset.grad[rows], rendered.output.visible[rows], *size)
+        height, width = rendered.on.rgb.shape[:2]
+        count = len(self.model.static)
+        self.controls["static"].record(pulls[:count], visible[:count], width, height)
+        if present is not None:
+            own = slice(count, count + len(present.gaussians))
+            self.controls["dynamic"].record(pulls[own], visible[own], width, height, present.rows)
 
     def _rates(self, name: str) -> dict[str, float]:
         """Return the learning rates of the tensors of the set called `name` at the present step."""
@@ -357,6 +396,7 @@ class Trainer:
             "step": self.step,
             "next_id": self.next_id,
             "order": self.order,
+            "closeup_order": self.closeup_order,
             "generator": self.generator.get_state(),
             "history": json.dumps(self.history),
             "band_gains": self.band_gains,
@@ -404,6 +444,7 @@ class Trainer:
             scaffold = replace(model.nodes.scaffold, **arrays)
             model.nodes = NodeSet(scaffold, model.nodes.graph, parameters)
         self.step, self.next_id, self.order = state["step"], state["next_id"], list(state["order"])
+        self.closeup_order = list(state["closeup_order"])
         self._start_optimisers()
         self.shared.load_state_dict(state["shared"])
         self.averages.restore(state["averages"])

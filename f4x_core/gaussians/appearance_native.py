@@ -147,7 +147,11 @@ class NativeDrawing(torch.autograd.Function):
         sets, drawing = _sets_of(ctx.saved_tensors), ctx.drawing
         sent = Drawn(*(gradient.contiguous() for gradient in sent))
         got: list[Tensor | None] = []
-        for own, rows in zip(sets, _slices(ctx.lengths), strict=False):
+        wanted = _sets_of(ctx.needs_input_grad[1:])
+        for own, rows, needed in zip(sets, _slices(ctx.lengths), wanted, strict=False):
+            if not any(needed):
+                got += [None] * len(own)
+                continue
             part = Drawn(*(gradient[rows] for gradient in sent))
             found = DrawnSet(*(None if tensor is None else torch.empty_like(tensor) for tensor in own))  # type: ignore[arg-type]
             arrays = {"sent_" + name: gradient for name, gradient in part._asdict().items() if name != "colors"}

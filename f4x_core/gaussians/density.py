@@ -63,17 +63,25 @@ class DensityControl:
         count = len(self.optimiser.gaussians)
         self.gradient_sum, self.seen = torch.zeros(count), torch.zeros(count)
 
-    def record(self, mean2d_gradient: Tensor, visible: Tensor, width: int, height: int) -> None:
-        """Add one step's screen-space gradient (N,2), in loss per pixel, of the Gaussians that were visible (N,)."""
+    def record(
+        self, mean2d_gradient: Tensor, visible: Tensor, width: int, height: int, rows: Tensor | None = None
+    ) -> None:
+        """Add one step's screen-space gradient (M,2), in loss per pixel, of the M Gaussians `rows`, or of all.
+
+        `visible` (M,) are those that were seen in the picture of `width` x `height` pixels.
+        """
         across, down = 0.5 * width, 0.5 * height  # pixels of a unit of NDC
-        kernels = self.optimiser.adam.kernels
-        if not kernels.native:
-            self.gradient_sum += (mean2d_gradient * mean2d_gradient.new_tensor([across, down])).norm(dim=1)
-            self.seen += visible
-            return
-        fixed = {"count": len(self.seen), "threads": kernels.threads, "across": across, "down": down}
-        sums = {"gradient_sum": self.gradient_sum, "seen": self.seen}
-        F4X_RECORD_PULLS(PULLS(**fixed, **sums, gradient=mean2d_gradient, visible=visible))
+        kernels, own = self.optimiser.adam.kernels, slice(None) if rows is None else rows
+        gradient_sum, seen = self.gradient_sum[own], self.seen[own]
+        if kernels.native:
+            fixed = {"count": len(seen), "threads": kernels.threads, "across": across, "down": down}
+            sums = {"gradient_sum": gradient_sum, "seen": seen}
+            F4X_RECORD_PULLS(PULLS(**fixed, **sums, gradient=mean2d_gradient, visible=visible))
+        else:
+            gradient_sum += (mean2d_gradient * mean2d_gradient.new_tensor([across, down])).norm(dim=1)
+            seen += visible
+        if rows is not None:
+            self.gradient_sum[rows], self.seen[rows] = gradient_sum, seen
 
     @property
     def steps(self) -> frozenset[int]:

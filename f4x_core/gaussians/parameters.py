@@ -6,7 +6,7 @@ the Gaussian's own frame, so that appearance turns with the surface (MoSca).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import torch
@@ -62,6 +62,14 @@ class GaussianSet:
             parameters = {n: torch.cat([p, others.parameters[n]]) for n, p in self.parameters.items()}
         labels = {n: torch.cat([label, others.labels[n]]) for n, label in self.labels.items()}
         return type(self)({n: p.requires_grad_(True) for n, p in parameters.items()}, labels)
+
+    def taken(self, rows: Tensor) -> Self:
+        """Return the Gaussians `rows (M,)`, which send their gradients here."""
+        parameters, labels = (
+            {name: tensor.index_select(0, rows) for name, tensor in tensors.items()}
+            for tensors in (self.parameters, self.labels)
+        )
+        return replace(self, parameters=parameters, labels=labels)
 
     def splats(self, means: Tensor, quats: Tensor) -> Splats:
         """Return the Gaussians, activated, at `means` (N,3) and `quats` (N,4) in the world."""

@@ -555,6 +555,34 @@ F4X_HOT void project_eight(const Problem& p, int64_t i, int64_t end, Projection&
     o.det = minors + blur * (sxx + syy) + blur * blur;
 }
 
+// True if none of the eight Gaussians reaches the picture, however it is turned: its ellipse is no wider than its largest standard
+// deviation makes it. Most batches lie outside of a close-up, and need no covariance.
+F4X_HOT bool all_outside(const Problem& p, int64_t i, int64_t end) {
+    if (!(p.alpha_min > 0)) return false;  // without a cut-off every Gaussian reaches everywhere
+    const float *w = p.viewmat, fx = p.intrinsics[0], cx = p.intrinsics[2], fy = p.intrinsics[4], cy = p.intrinsics[5];
+    const f8 zero = broadcast(0.0f), half = broadcast(0.5f);
+    f8 mean[3], scale[3], at[3], opacity, offset[2] = {zero, zero};
+    load_rows<3>(p.means, i, end, mean);
+    load_rows<3>(p.scales, i, end, scale);
+    load_rows<1>(p.opacities, i, end, &opacity);
+    if (p.offset) load_rows<2>(p.offset, i, end, offset);
+    for (int r = 0; r < 3; ++r)
+        at[r] = broadcast(w[4 * r]) * mean[0] + broadcast(w[4 * r + 1]) * mean[1] + broadcast(w[4 * r + 2]) * mean[2] +
+                broadcast(w[4 * r + 3]);
+    // The longest row of the Jacobian, which is clamped as in `project_eight`.
+    const float wide = std::max(std::abs(cx), std::abs(p.width - cx)) / fx + 0.15f * p.width / fx;
+    const float high = std::max(std::abs(cy), std::abs(p.height - cy)) / fy + 0.15f * p.height / fy;
+    const float slant = std::max(fx * std::sqrt(1 + wide * wide), fy * std::sqrt(1 + high * high));
+    const float limit = std::sqrt(-2 / LOG2E * std::log2(p.alpha_min)) * 1.01f;  // standard deviations, of opacity 1
+    const f8 inverse_z = broadcast(1.0f) / at[2], largest = maximum(maximum(scale[0], scale[1]), scale[2]);
+    const f8 reach = broadcast(limit * slant) * inverse_z * largest + broadcast(limit * std::sqrt(p.blur) + 1);
+    const f8 x = broadcast(fx) * inverse_z * at[0] + broadcast(cx) + offset[0];
+    const f8 y = broadcast(fy) * inverse_z * at[1] + broadcast(cy) + offset[1];
+    i8 near = (at[2] > broadcast(p.near_plane)) & (x + reach >= half) & (x - reach <= broadcast(p.width - 0.5f));
+    near = near & (y + reach >= half) & (y - reach <= broadcast(p.height - 0.5f));
+    return !(mask_bits(near) | mask_bits(opacity > broadcast(1.0f)));
+}
+
 F4X_HOT int32_t clamp_to_int(float x, int hi) { return int32_t(minimum(maximum(x, 0.0f), float(hi))); }
 
 F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, uint8_t* visible) {
@@ -563,6 +591,13 @@ F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, 
     const f8 alpha_min = broadcast(p.alpha_min), log2_min = broadcast(std::log2(p.alpha_min));
     const float above = float(s.first_tile_row);
     for (int64_t i = begin; i < end; i += 8) {
+        if (all_outside(p, i, end)) {
+            for (int64_t each = i; each < std::min(i + 8, end); ++each) {
+                s.extents[each].row0 = s.extents[each].row1 = 0;
+                s.extents[each].pair = visible[each] = 0;
+            }
+            continue;
+        }
         Projection o;
         project_eight(p, i, end, o);
         f8 opacity, offset[2] = {zero, zero};

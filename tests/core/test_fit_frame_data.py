@@ -8,7 +8,7 @@ import pytest
 import torch
 from toy import clip_and_priors
 
-from f4x_core.fit.frame_data import FrameData, MovingTracks
+from f4x_core.fit.frame_data import FrameData, MovingTracks, Window
 from f4x_core.fit.loss_terms import Rendered
 from f4x_core.fit.losses import rgb_loss
 from f4x_core.priors import Priors
@@ -69,12 +69,35 @@ def test_what_nobody_saw_supervises_nothing():
     assert not maps.motion[:, 32:].any() and full.seen(0).mean() == 0.5
     assert full.halved().hidden[:, :, 16:].all() and not full.halved().hidden[:, :, :16].any()
     drawn = torch.rand(40, 64, 4, requires_grad=True)
-    rendered = Rendered(2, full, SimpleNamespace(channels=drawn))
+    rendered = Rendered(full.target(2), SimpleNamespace(channels=drawn))
     loss = rgb_loss(rendered.rgb, rendered.target.float() / 255, torch.ones(40, 64), 0.2) + rendered.dynamic_alpha.sum()
     (gradient,) = torch.autograd.grad(loss, drawn)
     assert not gradient[:, 32:].any() and gradient[:, :32].abs().min(-1).values.mean() > 0
     assert (rendered.target[:, 32:].float() / 255 - drawn[:, 32:, :3]).abs().max() < 0.51 / 255
     np.testing.assert_array_equal(rendered.target[:, :32], clip.frames[2][:, :32])
+
+
+def test_a_window_around_what_moves_stays_within_the_picture():
+    region = torch.zeros(20, 30, dtype=torch.bool)
+    assert Window.around(region, 3) is None
+    region[2:5, 10:29] = True
+    window = Window.around(region, 3)
+    assert window == Window(7, 0, 23, 8)
+    assert window.of(torch.arange(600).view(20, 30))[0, 0] == 7 and window.halved() == Window(3, 0, 11, 4)
+    parts = [window.part(46, torch.Generator().manual_seed(seed)) for seed in range(40)]
+    assert {(part.width, part.height) for part in parts} == {(11, 4)} and window.part(184, torch.Generator()) == window
+    assert min(part.left for part in parts) == 7 and max(part.left + 11 for part in parts) == 30
+    clip, priors = clip_and_priors(3)
+    priors.motion = np.zeros_like(priors.motion)
+    priors.motion[1, 10:20, 30:50] = 1
+    full = FrameData.full(clip, priors)
+    assert full.moving_windows == {1: Window(22, 2, 36, 26)}
+    part = full.target(1).within(full.moving_windows[1])
+    np.testing.assert_array_equal(part.rgb, clip.frames[1][2:28, 22:58])
+    np.testing.assert_array_equal(part.priors.depth, priors.depth[1, 2:28, 22:58])
+    hidden = np.ones((26, 36), bool)
+    hidden[4:-4, 4:-4] = False
+    np.testing.assert_array_equal(part.near_movers().hidden, hidden)
 
 
 @pytest.fixture

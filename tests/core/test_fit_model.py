@@ -162,7 +162,7 @@ def model(request):
 
 def test_gaussians_are_where_they_were_seen_at_their_own_time(model):
     for i, frame in enumerate(REFERENCE):
-        places, turns, _ = model.dynamic_at(float(frame))[0]
+        places, turns, *_ = model.dynamic_at(float(frame))[0]
         np.testing.assert_allclose(places[i].detach(), PLACES[i], atol=2e-5)
         np.testing.assert_allclose(abs(turns[i, 0].detach()), 1, atol=1e-5)
 
@@ -297,6 +297,37 @@ def test_what_is_drawn_and_its_gradients_are_those_of_torch(model, with_partner,
             continue
         torch.testing.assert_close(fast, plain, rtol=2e-4, atol=2e-4)
         assert torch.equal(fast, again)
+
+
+@pytest.mark.parametrize("native", [False, True])
+def test_gaussians_that_are_gone_need_not_be_moved(model, native, request):
+    """What is drawn of those that are there, and its gradients, are as if all were drawn."""
+    if native:
+        request.getfixturevalue("native_library")
+    model.kernels, model._attachment = Kernels(True) if native else TORCH, None
+    with torch.no_grad():
+        model.dynamic.parameters["log_lifetimes"].copy_(
+            torch.tensor([[0.5, 0.5], [0.5, 3], [3, 0.5], [0.5, 0.5], [3, 3]]).log()
+        )
+    time = 2.0
+    there = model.dynamic.presence(time - model.born) > 0
+    present = model.present_at(time)
+    assert 0 < len(present.gaussians) < 5 and torch.equal(present.rows, there.nonzero()[:, 0])
+    leaves = [value for _, own in model.sets() for value in own.parameters.values()] + [
+        *model.nodes.parameters.values()
+    ]
+    camera, found = model.rig.camera(1, WIDTH, HEIGHT), []
+    rows = torch.cat([torch.ones(len(model.static), dtype=torch.bool), there])
+    for chosen in (None, present):
+        (moved,) = model.dynamic_at(time, present=chosen)
+        drawn = [value if chosen else value[rows] for value in model.drawn(moved, camera)]
+        sent = [torch.randn(value.shape, generator=torch.Generator().manual_seed(3)) for value in drawn]
+        gradients = torch.autograd.grad(drawn, leaves, sent, allow_unused=True)
+        found.append([*drawn, *gradients])
+    for all_of_them, those_there in zip(*found, strict=True):
+        assert (all_of_them is None) == (those_there is None)
+        if all_of_them is not None:
+            torch.testing.assert_close(those_there, all_of_them, rtol=1e-5, atol=1e-6)
 
 
 def test_a_picture_shows_colours_as_seen_from_the_camera_and_background_behind_them_alone(model):

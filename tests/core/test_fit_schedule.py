@@ -41,9 +41,8 @@ def watch(monkeypatch, name: str, answer) -> None:
 
 def loss_of(stage: Trainer, frame: int):
     """(loss, the offsets of the projected means (N,2), visible (N,)) of a frame at the full size before black."""
-    offset = torch.zeros(len(stage.model), 2, requires_grad=True)
-    rendered = stage.render(frame, stage.levels[0], None, offset)
-    return total_loss(stage.losses, stage.step, rendered), offset, rendered.output.visible
+    rendered = stage.render(frame, stage.levels[0])
+    return total_loss(stage.losses, stage.step, rendered), rendered.offset, rendered.output.visible
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +63,7 @@ def stage_of(start):
             "density_dynamic": STILL,
             "nodes": NodeConfig(add_at=(), drop_at=()),
             "losses": PLAIN,
+            "closeups": 0,
             "max_sh_degree": 0,
             "threads": 1,
             "backend": "auto",
@@ -108,7 +108,7 @@ def test_a_background_of_any_colour_when_asked_for(stage_of, monkeypatch, random
     monkeypatch.setattr(
         stage,
         "render",
-        lambda frame, data, background, offset: colours.append(background) or render(frame, data, background, offset),
+        lambda frame, data, background: colours.append(background) or render(frame, data, background),
     )
     list(steps_of(stage))
     if random:

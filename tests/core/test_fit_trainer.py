@@ -12,6 +12,7 @@ from toy import clip_and_priors
 from f4x_core.errors import Cancelled
 from f4x_core.fit import trainer
 from f4x_core.fit.config import EndingConfig, LossConfig, NodeConfig, profile
+from f4x_core.fit.frame_data import Window
 from f4x_core.fit.loss_terms import total_loss
 from f4x_core.fit.trainer import FitStart, Trainer
 from f4x_core.gaussians import DensityConfig, SpawnConfig, spawn_static
@@ -43,6 +44,7 @@ def stage_of():
             "nodes": NodeConfig(add_at=(), drop_at=()),
             "max_sh_degree": 0,
             "coarse": 0.0,
+            "closeups": 0,
             "cameras_from": 0.0,
             "graph_every": 100,
             "dw_from": 0.0,
@@ -76,8 +78,8 @@ def test_a_step_moves_every_parameter_as_adam_does_along_the_gradient_of_the_los
         before = {key: value.detach().clone() for key, value in parameters_of(stage).items()}
         state = stage.generator.get_state()
         result = stage.train_step()
-        frame, level, background, offset = looks[-1]
-        assert offset.shape == (10, 2) and background.shape == (3,) and level is stage.levels[0]
+        frame, level, background = looks[-1]
+        assert background.shape == (3,) and level is stage.levels[0]
         twin.step = stage.step - 1
         twin.generator.set_state(state)
         twin._act(trainer.Moment.START)
@@ -86,7 +88,7 @@ def test_a_step_moves_every_parameter_as_adam_does_along_the_gradient_of_the_los
             for key, value in parameters_of(twin).items():
                 value.copy_(before[key])
                 value.grad = None
-        loss = total_loss(twin.losses, twin.step, twin.render(frame, level, background, torch.zeros(10, 2)))
+        loss = total_loss(twin.losses, twin.step, twin.render(frame, level, background))
         loss.backward()
         assert result == stage.loss == pytest.approx(float(loss.detach()), rel=1e-6)
         rates, after = rates_of(stage), parameters_of(stage)
@@ -105,6 +107,38 @@ def test_a_step_moves_every_parameter_as_adam_does_along_the_gradient_of_the_los
             )
         assert all(value.grad is None for value in parameters_of(stage).values())
     assert stage.step == 4 and min(rates.values()) > 0
+
+
+@pytest.mark.parametrize("backend", ["torch", "native"])
+def test_a_closeup_shows_its_part_of_the_picture_and_moves_what_moves_alone(stage_of, backend, request):
+    if backend == "native":
+        request.getfixturevalue("native_library")
+    stage = stage_of(backend=backend, closeups=2, track_every=1, cameras_from=0.0)
+    window = Window(20, 10, 24, 16)
+    stage.levels[0].moving_windows = dict.fromkeys(range(FRAMES), window)
+    black = torch.zeros(3)
+    whole, part = (stage.render(1, stage.levels[0], black, one) for one in (None, window))
+    torch.testing.assert_close(
+        part.output.channels[..., :4], window.of(whole.output.channels)[..., :4], atol=2e-5, rtol=0
+    )
+    assert part.partner is None
+    before = {key: value.detach().clone() for key, value in parameters_of(stage).items()}
+    stage.train_step()  # the rates
+    before = {key: value.detach().clone() for key, value in parameters_of(stage).items()}
+    stage._take_closeup(stage.levels[0])
+    moved = {kind for (kind, name), value in parameters_of(stage).items() if not torch.equal(value, before[kind, name])}
+    cameras = [key for key in before if key[1].startswith("camera")]
+    assert "dynamic" in moved and "static" not in moved
+    assert all(torch.equal(parameters_of(stage)[key], before[key]) for key in cameras)
+    assert not torch.equal(parameters_of(stage)["shared", "node_xyz"], before["shared", "node_xyz"])
+    assert all(value.grad is None for value in parameters_of(stage).values())
+
+
+def test_each_frame_in_which_something_moves_has_a_closeup_before_one_has_a_second(stage_of):
+    stage = stage_of(closeups=2)
+    stage.levels[0].moving_windows = dict.fromkeys((0, 2, 3), Window(0, 0, 9, 9))
+    drawn = [stage._next_closeup() for _ in range(9)]
+    assert [sorted(drawn[i : i + 3]) for i in (0, 3, 6)] == [[0, 2, 3]] * 3 and len({*drawn[:3]}) == 3
 
 
 def test_what_is_frozen_is_drawn_stays_where_it_is_and_has_no_part_in_density_control(stage_of, monkeypatch):
@@ -128,7 +162,7 @@ def test_what_is_frozen_is_drawn_stays_where_it_is_and_has_no_part_in_density_co
     assert np.abs(extra[3:8, 1:] - means[3:8]).max() > 0.05, "what moves is elsewhere at the partner's time"
     for name, rows in (("static", slice(0, 3)), ("dynamic", slice(3, 8))):
         assert stage.controls[name].seen.tolist() == visible[rows].float().tolist()
-    assert stage_of(frozen=False)._drawn_count() == 8
+    assert len(stage_of(frozen=False).render(1, stage.levels[0]).offset) == 8
     picture = stage.picture(1)
     stage.model.frozen = None
     assert picture.shape == (HEIGHT, WIDTH, 3) and (picture - stage.picture(1)).abs().max() > 0.01

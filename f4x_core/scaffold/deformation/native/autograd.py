@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,6 +59,11 @@ class SkinningData:
         """Return the same as in `deformer`; `mask (N, K)` bool are its valid neighbours."""
         fixed = {"node": deformer.node.numpy(), "then": deformer.then.numpy(), "mask": mask.numpy()}
         return cls(fixed | {"index": deformer.pairs.index}, kernel, threads)
+
+    def taken(self, rows: np.ndarray) -> SkinningData:
+        """Return those of the Gaussians `rows (M,)`."""
+        chosen = {name: self.arrays[name][rows] for name in ("index", "mask")}
+        return replace(self, arrays={**self.arrays, **chosen})
 
     def deform_at(
         self, knots: Sequence[int], gaussians: GaussianTensors, nodes: NodeTensors
@@ -144,11 +149,15 @@ class NativeDeformer:
         self._knots = {float(time): place for place, time in enumerate(self.times)}
 
     def __call__(
-        self, gaussians: GaussianTensors, nodes: NodeTensors, times: Sequence[float]
+        self, gaussians: GaussianTensors, nodes: NodeTensors, times: Sequence[float], rows: Tensor | None = None
     ) -> list[tuple[Tensor, Tensor]]:
-        """Return `(means (N, 3), quats (N, 4))` at each of `times`, differentiable once."""
+        """Return `(means (M, 3), quats (M, 4))` at each of `times`, differentiable once.
+
+        The M `gaussians` are the `rows` (M,) of those of the deformer, or all.
+        """
+        skinning = self.skinning if rows is None else self.skinning.taken(rows.numpy())
         if all(time in self._knots for time in times):
-            return self.skinning.deform_at([self._knots[time] for time in times], gaussians, nodes)
+            return skinning.deform_at([self._knots[time] for time in times], gaussians, nodes)
         poses = [node_poses_at(self.times, nodes.xyz, nodes.quat, time) for time in times]
         now = NodePoses(*(torch.stack(part) for part in zip(*poses, strict=True)))
-        return self.skinning.deform(gaussians, nodes, now)
+        return skinning.deform(gaussians, nodes, now)
