@@ -20,6 +20,8 @@ from .config import PROFILES, FitConfig, for_frames, profile
 STEP, STEP_PER_PIXEL, STEP_PER_GAUSSIAN = 1.0, 2.65e-5, 1.58e-5
 """Cost of a training step, of one of its pixels and of one Gaussian, in raster steps of two threads. Threads share the pixels: a
 step of 95,000 Gaussians took 70, 52, 42 and 34 ms with 2, 4, 8 and 16 of them, 30 of which one of them worked alone."""
+CLOSEUP = 0.3
+"""Cost of a close-up over that of a step as measured above, before Gaussians that are gone were left out: on parkour 20 and 66 ms."""
 REST_PER_PIXEL = 3.8e-4
 """Cost of scaffold, first Gaussians and the measurements at the end, per pixel of all frames, most of it one thread's."""
 TINT_PER_PIXEL, TINT_PER_GAUSSIAN = 8e-5, 1.3e-4
@@ -280,14 +282,19 @@ def _fixed(size: ClipSize, config: FitConfig) -> Work:
     per_pixel = PRIORS_PER_PIXEL * small.frames * small.pixels
     priors = Work(PRIORS + (1 - PRIORS_SHARED) * per_pixel, PRIORS_SHARED * per_pixel)
     pixels = size.pixels * (1 - config.coarse * (1 - COARSE_PIXELS))
-    steps = Work(config.steps * STEP, config.steps * STEP_PER_PIXEL * pixels)
+    steps = Work(_steps(config) * STEP, _steps(config) * STEP_PER_PIXEL * pixels)
     tints = Work(0, _tint_frames(size, config) * TINT_PER_PIXEL * size.pixels)
     return priors + steps + tints + Work(REST_PER_PIXEL * size.frames * size.pixels, 0)
 
 
 def _per_gaussian(size: ClipSize, config: FitConfig) -> Work:
     """Return the cost of one Gaussian."""
-    return Work(config.steps * STEP_PER_GAUSSIAN, _tint_frames(size, config) * TINT_PER_GAUSSIAN)
+    return Work(_steps(config) * STEP_PER_GAUSSIAN, _tint_frames(size, config) * TINT_PER_GAUSSIAN)
+
+
+def _steps(config: FitConfig) -> float:
+    """Return the steps that cost as much as all steps with their close-ups."""
+    return config.steps * (1 + CLOSEUP * config.closeups)
 
 
 def _tint_frames(size: ClipSize, config: FitConfig) -> int:
