@@ -16,6 +16,8 @@ _LAYOUT = {
 }
 FLOAT4 = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 """Four plain floats; Blender before 5.2 has only colours of four floats."""
+RESIZES = hasattr(bpy.types.PointCloud, "resize")
+"""True where points come and go within a point cloud; Blender before 5.1 makes another one."""
 
 
 def write_attribute(data: bpy.types.ID, name: str, kind: str, values: np.ndarray) -> None:
@@ -43,7 +45,7 @@ def read_attribute(data: bpy.types.ID, name: str) -> np.ndarray | None:
 
 def new_point_cloud(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:
     """Add an object with `count` points to `collection`; Gaussian splats where Blender has them (5.3)."""
-    if hasattr(bpy.types.PointCloud, "resize"):  # Blender 5.1+
+    if RESIZES:
         cloud = bpy.data.pointclouds.new(name)
         cloud.resize(count)
         item = bpy.data.objects.new(name, cloud)

@@ -12,6 +12,7 @@ from bpy_extras.io_utils import ExportHelper
 from ...f4x_core.edit.baking import BakeTask
 from ...f4x_core.errors import F4xError
 from ..common.point_cloud import selected_in
+from ..common.undo import end_step
 from ..io.import_scene import import_scene
 from ..io.render_setup import clip_camera
 from ..jobs import runner
@@ -78,8 +79,7 @@ def _show_instead(root: bpy.types.Object, path: Path) -> None:
         item.select_set(False)
     new.select_set(True)
     view_layer.objects.active = new
-    if bpy.ops.ed.undo_push.poll():
-        bpy.ops.ed.undo_push(message=F4X_OT_bake_edits.bl_label)
+    end_step(F4X_OT_bake_edits.bl_label)
 
 
 CLASSES = (F4X_OT_bake_edits,)

@@ -28,6 +28,7 @@ from ...f4x_core.scene.mesh import MeshConfig, Skin, SplatMesh
 from ..common.geometry_nodes import build_motion_tree
 from ..common.lines import CATEGORY
 from ..common.point_cloud import selected_in, write_attribute
+from ..common.undo import end_step
 from ..common.wording import Reporting
 from ..jobs import runner
 from ..render.evaluated import OF
@@ -138,8 +139,7 @@ def _start(scene_object: SceneObject, ids: np.ndarray, time: float | None, confi
         item = add_mesh(root, scene, SplatMesh.read(made), len(ids))
         if active == _active_uid():  # else the person is busy with something else by now
             _make_active(item)
-        if bpy.ops.ed.undo_push.poll():
-            bpy.ops.ed.undo_push(message="Make Mesh")
+        end_step("Make Mesh")
 
     task = MeshTask(str(scene_object.path), edits, ids.tolist(), time, asdict(config), str(made))
     runner.start_task(f"{TITLE} {scene_object.name}", task, done)

@@ -301,7 +301,8 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
                 draw_lines(box, context, reading.description)
         row = box.row(align=True)
         row.operator("f4x.apply_plan", icon="CHECKMARK")
-        row.prop(state, "preview", text="", icon="HIDE_OFF" if state.preview else "HIDE_ON")
+        shown = context.window_manager.f4x
+        row.prop(shown, "preview", text="", icon="HIDE_OFF" if shown.preview else "HIDE_ON")
         row.operator("f4x.drop_plan", text="", icon="X")
         if len(state.readings) == 1:
             again = layout.operator("f4x.plan", text="Other Readings", icon="VIEWZOOM")

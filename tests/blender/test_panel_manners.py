@@ -26,18 +26,52 @@ ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
 """
 
 
-def test_a_sentence_is_taken_back_by_one_ctrl_z(folder):
+@pytest.mark.parametrize("sentence", ["make the square red", "move the square up", "copy the square to the left"])
+def test_a_sentence_is_one_step_of_undo_and_its_preview_none(folder, sentence):
+    script = """
+def blocks():
+    kinds = (bpy.data.objects, bpy.data.pointclouds, bpy.data.node_groups, bpy.data.collections)
+    return sorted(block.name for kind in kinds for block in kind) + [name for cloud in scene_object().clouds for name in cloud.modifiers.keys()]
+
+def look():
+    bpy.context.view_layer.update()
+    shown = [values(cloud, "radiance:base") for cloud in scene_object().clouds]
+    return np.concatenate([each.reshape(-1) for each in shown if each is not None])
+
+noted["resizes"] = hasattr(bpy.types.PointCloud, "resize")
+push("before")
+ops.query_text("EXEC_DEFAULT", True, text="square")
+before, seen = blocks(), look()
+for turn in ("dropped", "applied"):
+    ops.plan("EXEC_DEFAULT", True, sentence=sys.argv[3], readings=1)
+    noted[f"planned, {turn}"] = [len(root().f4x.readings), blocks() == before, np.array_equal(look(), seen)]
+    (ops.drop_plan if turn == "dropped" else ops.apply_plan)("EXEC_DEFAULT", True)
+    noted[turn] = [len(scene_object().stack), blocks() == before, np.array_equal(look(), seen)]
+bpy.ops.ed.undo()
+noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.sentence]
+noted["as before"] = bool(np.array_equal(look(), seen))
+noted["selected"] = int(scene_object().read(".selection").sum())
+bpy.ops.ed.undo()
+noted["undone twice"] = int(scene_object().read(".selection").sum())
+"""
+    noted, _ = perform(folder, START + script, sentence)
+    if noted["resizes"]:  # before Blender 5.1 what is drawn apart is another datablock, of which undo must know
+        assert noted["planned, dropped"] == noted["planned, applied"] == [1, True, False]
+        assert noted["dropped"] == [0, True, True] and noted["applied"] == [1, True, False]
+        assert noted["undone twice"] == 0
+    assert noted["undone"] == [0, 0, False, sentence] and noted["as before"] and noted["selected"] > 0
+
+
+def test_what_a_sentence_selects_is_a_step_of_undo(folder):
     script = """
 push("before")
-ops.plan("EXEC_DEFAULT", True, sentence="make the square red")
-noted["planned"] = len(root().f4x.readings)
-ops.apply_plan("EXEC_DEFAULT", True)
-noted["applied"] = len(scene_object().stack)
+ops.plan("EXEC_DEFAULT", True, sentence="select the square")
+noted["selected"] = int(scene_object().read(".selection").sum())
 bpy.ops.ed.undo()
-noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root()]
+noted["undone"] = int(scene_object().read(".selection").sum())
 """
     noted, _ = perform(folder, START + script)
-    assert noted["planned"] > 0 and noted["applied"] == 1 and noted["undone"] == [0, 0, False]
+    assert noted["selected"] > 0 and noted["undone"] == 0
 
 
 @pytest.mark.parametrize("sentence", ["make the square red", "move the square up", "copy the square to the left"])
@@ -70,7 +104,7 @@ bpy.ops.wm.save_as_mainfile(filepath=str(folder / "plan.blend"))
 arrays["seen saved"] = points()
 noted["planned"] = [root().f4x.uncovered, len(root().f4x.readings)]
 bpy.ops.wm.open_mainfile(filepath=str(folder / "plan.blend"))
-noted["opened"] = [root().f4x.uncovered, len(points()), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.preview]
+noted["opened"] = [root().f4x.uncovered, len(points()), len(root().f4x.readings), "f4x_preview" in root()]
 arrays["opened"] = picture()
 """
     )
@@ -81,7 +115,7 @@ arrays["opened"] = picture()
     np.testing.assert_array_equal(arrays["seen saved"], arrays["seen"])
     uncovered, points = noted["before"]
     assert noted["planned"] == [uncovered, 1]
-    assert noted["opened"] == [uncovered, points, 0, False, False]
+    assert noted["opened"] == [uncovered, points, 0, False]
 
 
 def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):

@@ -56,19 +56,18 @@ def test_ctrl_z_after_a_plan_that_copies_does_not_end_blender(folder):
 ops.query_text("EXEC_DEFAULT", True, text="square")
 ops.recolour("EXEC_DEFAULT", True, rgb=(1, 0, 0))
 ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
-noted["planned"] = len(scene_object().clouds)
+noted["planned"], noted["resizes"] = len(scene_object().clouds), hasattr(bpy.types.PointCloud, "resize")
 bpy.ops.ed.undo(); bpy.context.view_layer.update()
-noted["undone"] = [len(scene_object().stack), len(scene_object().clouds)]
+noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.sentence]
+gone = [read_attribute(cloud.data, "f4x_gone") for cloud in scene_object().clouds]
+noted["shown"] = sum(len(cloud.data.points) if out is None else int((~out).sum()) for cloud, out in zip(scene_object().clouds, gone))
 bpy.ops.ed.redo(); bpy.context.view_layer.update()
-ops.apply_plan("EXEC_DEFAULT", True)
-bpy.ops.ed.undo(); bpy.context.view_layer.update()
-apart = scene_object().clouds[-1]
-noted["applied and undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root()]
-noted["shown"] = int((~read_attribute(apart.data, "f4x_gone")).sum())
+noted["redone"] = [len(scene_object().stack), len(root().f4x.readings)]
 """
     noted, _ = perform(folder, START + script)
-    assert noted["planned"] == 3 and noted["undone"] == [1, 2]
-    assert noted["applied and undone"] == [1, 0, False] and noted["shown"] == 0
+    steps = 0 if noted["resizes"] else 1  # before 5.1 the copy is another datablock, of which undo must know
+    assert noted["planned"] == 3 and noted["shown"] == 1201
+    assert noted["undone"] == [steps, 0, False, "copy the wall to the left"] and noted["redone"] == [1, 0]
 
 
 def test_undo_shows_edits_over_time_as_they_are_at_this_frame(folder):
