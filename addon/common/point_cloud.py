@@ -16,7 +16,7 @@ _LAYOUT = {
 }
 FLOAT4 = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 """Four plain floats; Blender before 5.2 has only colours of four floats."""
-RESIZES = hasattr(bpy.types.PointCloud, "resize")
+RESIZES = "resize" in bpy.types.PointCloud.bl_rna.functions
 """True where points come and go within a point cloud; Blender before 5.1 makes another one."""
 
 

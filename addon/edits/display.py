@@ -112,7 +112,11 @@ def preview(scene_object: SceneObject, on: bool) -> None:
 def make_ready(scene_object: SceneObject) -> None:
     """Add what edits need, empty and switched off, where Blender can fill it later: no preview then adds or removes datablocks."""
     if RESIZES:
-        item = _add_separate_cloud(scene_object, scene_object.base, np.zeros(0, int))
+        base, none = scene_object.base, np.zeros(0, int)
+        item = _add_separate_cloud(scene_object, base, none)
+        quats, sh, opacities = (values[none] for values in (base.static.quats, base.static.sh, base.static.opacities))
+        write_places(item.data, base.static.means[none], quats, base.static.scales[none])
+        write_appearance(item.data, quats, sh, opacities)
         for cloud in (*scene_object.clouds, item):
             if VISIBLE not in cloud.modifiers and "gid" in cloud.data.attributes:
                 _add_visibility_modifier(cloud)

@@ -38,7 +38,7 @@ def look():
     shown = [values(cloud, "radiance:base") for cloud in scene_object().clouds]
     return np.concatenate([each.reshape(-1) for each in shown if each is not None])
 
-noted["resizes"] = hasattr(bpy.types.PointCloud, "resize")
+noted["resizes"] = "resize" in bpy.types.PointCloud.bl_rna.functions
 push("before")
 ops.query_text("EXEC_DEFAULT", True, text="square")
 before, seen = blocks(), look()

@@ -23,7 +23,8 @@ def in_edit_mode(cloud, chosen, work):
     push("edited points")
 
 def clouds():
-    return sorted(scene_object().clouds, key=lambda cloud: ("edited" in cloud.name, "dynamic" in cloud.name))
+    there = [cloud for cloud in scene_object().clouds if len(cloud.data.points)]
+    return sorted(there, key=lambda cloud: ("edited" in cloud.name, "dynamic" in cloud.name))
 
 def shown():
     return sorted(np.concatenate([values(cloud, "gid") for cloud in clouds()]).tolist())

@@ -56,7 +56,7 @@ def test_ctrl_z_after_a_plan_that_copies_does_not_end_blender(folder):
 ops.query_text("EXEC_DEFAULT", True, text="square")
 ops.recolour("EXEC_DEFAULT", True, rgb=(1, 0, 0))
 ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
-noted["planned"], noted["resizes"] = len(scene_object().clouds), hasattr(bpy.types.PointCloud, "resize")
+noted["planned"], noted["resizes"] = len(scene_object().clouds), "resize" in bpy.types.PointCloud.bl_rna.functions
 bpy.ops.ed.undo(); bpy.context.view_layer.update()
 noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.sentence]
 gone = [read_attribute(cloud.data, "f4x_gone") for cloud in scene_object().clouds]
@@ -145,7 +145,7 @@ push("picked")
 bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
 noted["in"] = bpy.context.mode
 for name in ("before", "after"):
-    for at, cloud in enumerate(scene_object().clouds):
+    for at, cloud in enumerate(scene_object().clouds[:2]):
         arrays[f"{at} {name}"] = read_attribute(cloud.data, ".selection")
     if name == "before":
         ops.change_selection("EXEC_DEFAULT", True, how="ALL")
@@ -290,7 +290,7 @@ ops.import_scene(filepath=str(folder / "scene.f4x"))
 bpy.data.objects["labelled (2)"].parent = bpy.data.objects["labelled"]
 select(bpy.data.objects["labelled"])
 ops.query_text(text="square")
-noted["clouds"] = [len(by_name(name).clouds) for name in ("labelled", "labelled (2)")]
+noted["clouds"] = [sum(len(cloud.data.points) > 0 for cloud in by_name(name).clouds) for name in ("labelled", "labelled (2)")]
 noted["selected"] = [int(by_name(name).read(".selection").sum()) for name in ("labelled", "labelled (2)")]
 """
     noted, _ = perform(folder, START + script)
@@ -305,7 +305,7 @@ select(root(), *root().children_recursive)
 bpy.ops.object.duplicate(linked=True)
 bpy.context.view_layer.update()
 names = ("labelled", "labelled.001")
-noted["shared"] = len({cloud.data.name for name in names for cloud in by_name(name).clouds})
+noted["shared"] = len({cloud.data.name for name in names for cloud in by_name(name).clouds if len(cloud.data.points)})
 select(bpy.data.objects["labelled.001"])
 ops.query_text(text="square")
 noted["selected"] = [int(by_name(name).read(".selection").sum()) for name in names]
