@@ -74,7 +74,7 @@ def content() -> dict[str, dict[str, str | None]]:
 
 
 def _hash_of(scene_object: SceneObject, cloud: bpy.types.Object, name: str) -> str | None:
-    """Return the hash of an attribute; of the separate cloud that of points that pending edits need, for a preview is no content."""
+    """Return the hash of an attribute; in the separate cloud only points that pending edits need count, not a preview's."""
     values = read_attribute(cloud.data, name)
     if APART not in cloud or values is None:
         return _hash(values)

@@ -612,6 +612,7 @@ HANDLERS = {
     "load_post": _opened,
     "save_pre": _save_along,
     "undo_pre": _before_undo,
+    "redo_pre": _before_undo,
     "undo_post": _undone,
     "redo_post": _undone,
 }

@@ -31,7 +31,8 @@ def test_a_sentence_is_one_step_of_undo_and_its_preview_none(folder, sentence):
     script = """
 def blocks():
     kinds = (bpy.data.objects, bpy.data.pointclouds, bpy.data.node_groups, bpy.data.collections)
-    return sorted(block.name for kind in kinds for block in kind) + [name for cloud in scene_object().clouds for name in cloud.modifiers.keys()]
+    modifiers = [name for cloud in scene_object().clouds for name in cloud.modifiers.keys()]
+    return sorted(block.name for kind in kinds for block in kind) + modifiers
 
 def look():
     bpy.context.view_layer.update()

@@ -59,8 +59,8 @@ ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
 noted["planned"], noted["resizes"] = len(scene_object().clouds), "resize" in bpy.types.PointCloud.bl_rna.functions
 bpy.ops.ed.undo(); bpy.context.view_layer.update()
 noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.sentence]
-gone = [read_attribute(cloud.data, "f4x_gone") for cloud in scene_object().clouds]
-noted["shown"] = sum(len(cloud.data.points) if out is None else int((~out).sum()) for cloud, out in zip(scene_object().clouds, gone))
+shown = [values(cloud, "gid") for cloud in scene_object().clouds]
+noted["shown"] = sum(len(ids) for ids in shown if ids is not None)
 bpy.ops.ed.redo(); bpy.context.view_layer.update()
 noted["redone"] = [len(scene_object().stack), len(root().f4x.readings)]
 """
