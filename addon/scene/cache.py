@@ -38,6 +38,8 @@ ADDED = ("/latent", *(f"/{name}" for name in LINEAR_ARRAYS))
 """Ends of the names of arrays that may be added later: features, and the appearance for linear light."""
 LOOK = 0.1
 """Seconds between two looks at a preparation that is waited for."""
+FIRST = 2.0
+"""Seconds after an import in which the window shows the scene before its preparation takes processor time from it."""
 KEPT = 8
 """Number of scenes in the cache, including edited ones, so that switching a preview on and off is fast."""
 
@@ -151,8 +153,15 @@ def stack_from(text: str, owner: str) -> EditStack:
         raise F4xError(f"{owner}: its stored edits are not valid JSON ({error}); import the scene again.") from error
 
 
-def prepare_questions(scene: Scene) -> None:
+def prepare_soon(scene: Scene) -> None:
+    """Let `_prepare` begin when the window has shown the scene."""
+    bpy.app.timers.register(lambda: _prepare(scene), first_interval=FIRST)
+
+
+def _prepare(scene: Scene) -> None:
     """Compute in a thread what the first query needs: superpoints and neighbourhoods (seconds), then the views of the clip."""
+    if id(scene.static) in _preparing:
+        return
     ready = _preparing[id(scene.static)] = Event()
 
     def work() -> None:
@@ -166,14 +175,13 @@ def prepare_questions(scene: Scene) -> None:
 
 
 def wait_until_prepared(scene: Scene, progress: Progress = silent) -> None:
-    """Wait for the superpoints and neighbourhoods of `prepare_questions`, which begins here at the latest.
+    """Wait for the superpoints and neighbourhoods that `_prepare` computes, which begins here at the latest.
 
     `progress` says so meanwhile, and may stop the waiting; the preparation itself goes on for the next question.
     """
     if bpy.app.background:
         return  # the question itself prepares what it needs
-    if id(scene.static) not in _preparing:
-        prepare_questions(scene)
+    _prepare(scene)
     while not _preparing[id(scene.static)].wait(LOOK):
         progress("prepare", 0, 0, "Preparing the scene once")
 

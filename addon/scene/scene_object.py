@@ -163,7 +163,7 @@ class SceneObject:
         if PACKED in self.root:
             pack(self.root, path)
         if not bpy.app.background:
-            cache.prepare_questions(self.base)
+            cache.prepare_soon(self.base)
 
     # Edits
 
