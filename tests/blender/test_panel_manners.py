@@ -262,6 +262,31 @@ with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
     assert perform(folder, script)[0] == {"True": "CAMERA", "False": "CAMERA"}
 
 
+def test_set_up_render_takes_the_frames_at_which_the_clip_plays(folder):
+    """One that was moved on the timeline plays where it is; one that plays at its own pace is shown frame by frame again."""
+    script = """
+scene = bpy.context.scene
+def settings():
+    state, frames = root().f4x, [scene.frame_start, scene.frame_end, scene.frame_current]
+    return [*frames, state.start_frame, round(state.speed, 4), scene.render.fps]
+
+root().f4x.start_frame = 10
+ops.set_up_render(); noted["moved"] = settings()
+root().f4x.speed = 0.5
+ops.set_up_render(); noted["slow"] = settings()
+bpy.ops.wm.read_factory_settings(use_empty=True)
+scene = bpy.context.scene
+scene.render.fps = 30
+ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=False); noted["own pace"] = settings()
+noted["notice"] = root().f4x.notice
+ops.set_up_render(); noted["set up"] = settings()
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["moved"] == [10, 15, 10, 10, 1, 24] and noted["slow"] == [10, 20, 10, 10, 0.5, 24]
+    assert noted["own pace"][3:] == [0, 0.8, 30] and "(clip: 0-5)" in noted["notice"]
+    assert noted["set up"] == [0, 5, 0, 0, 1, 24]
+
+
 def test_blender_with_splats_is_told_of_the_refit_once(folder):
     script = """
 import importlib
