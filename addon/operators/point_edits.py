@@ -35,7 +35,7 @@ class PointChanges:
     """Differences of a scene's points from what import wrote."""
 
     deleted: np.ndarray
-    """(n,) ids of Gaussians without a point."""
+    """(n,) ids of Gaussians without a point that no edit removes."""
     moved: tuple[tuple[np.ndarray, Similarity], ...]
     """(ids (m,), how they were moved) of static Gaussians, in groups that move as one."""
     left: np.ndarray
@@ -47,7 +47,7 @@ class PointChanges:
         count = sum(len(ids) for ids, _ in self.moved) + len(self.left)
         parts = [f"{len(self.deleted):,} deleted"] if len(self.deleted) else []
         parts += [f"{count:,} moved"] if count else []
-        return f"Changed in Edit Mode and not yet an edit: {' and '.join(parts)}" if parts else ""
+        return f"Changed by Blender's own tools and not yet an edit: {' and '.join(parts)}" if parts else ""
 
     @property
     def operations(self) -> tuple[Operation, ...]:
@@ -81,7 +81,7 @@ def changes_of(scene_object: SceneObject) -> PointChanges:
         there[row] = True
         differs[row] = (positions != before[row]).any(1)
         after[row] = positions
-    deleted = base.ids[~there]
+    deleted = base.ids[~there & scene_object.pending.there[:own]]
     moved = np.flatnonzero(differs & there & (np.arange(own) < len(base.static)))
     groups, rest = split_by_motion(before[moved], after[moved], MAX_MOTIONS)
     left = np.concatenate([moved[rest], np.flatnonzero(differs & there & (np.arange(own) >= len(base.static)))])
@@ -205,6 +205,11 @@ class F4X_OT_put_back_points(SceneOperator, bpy.types.Operator):  # noqa: N801
             bpy.ops.object.mode_set(mode="OBJECT")
         put_back(scene_object)
         display.refresh(scene_object)
+        if len(lost := changes_of(scene_object).deleted):
+            raise F4xError(
+                f"The point cloud of {len(lost):,} {plural('Gaussian', len(lost))} is gone; Ctrl-Z brings it back,"
+                " or import the scene again."
+            )
 
 
 @persistent

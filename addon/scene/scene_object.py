@@ -425,8 +425,24 @@ def why_not(item: bpy.types.Object | None) -> str:
     """Return the reason why an operator cannot work on the scene of `item`; empty where it can."""
     found = SceneObject.of(item)
     if found is None:
-        return "Import a Feature4X scene, or select one of its objects"
+        return (why_none(item) or "Import a Feature4X scene, or select one of its objects").rstrip(".")
     return found.why_linked_stays if found.is_linked else ""
+
+
+def why_none(item: bpy.types.Object | None) -> str:
+    """Return sentences on what looks like a scene and is none, where `item` is active; empty where nothing does."""
+    shown = item and item.instance_collection
+    if shown and SceneObject.among(shown.all_objects):
+        return (
+            f"{item.name} is a link to a scene of another .blend. Change it there, or append it in place of the link."
+        )
+    parts = [each for each in bpy.context.scene.objects if each.type == "POINTCLOUD" and "gid" in each.data.attributes]
+    if any(root_of(each) is None for each in parts):
+        return (
+            "A scene has lost its root, the empty with its name. Ctrl-Z brings it back;"
+            " Delete Hierarchy of its collection in the outliner removes the rest."
+        )
+    return ""
 
 
 def forget() -> None:

@@ -21,7 +21,7 @@ from ..operators.searching import draw_search
 from ..render import viewport
 from ..scene import tints
 from ..scene.clip_time import is_still
-from ..scene.scene_object import SceneObject
+from ..scene.scene_object import SceneObject, why_none
 
 LEVELS = "▁▂▃▄▅▆▇█"
 """Characters for the bars of the histogram, lowest first."""
@@ -130,7 +130,8 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         scene_object = SceneObject.of(context.object)
         if scene_object is None:
             several = bool(SceneObject.among(context.scene.objects))
-            draw_lines(layout, context, CHOOSE_ONE if several else WITHOUT, "INFO")
+            line = CHOOSE_ONE if several else WITHOUT
+            draw_lines(layout, context, why_none(context.object) or line, "INFO")
             column = layout.column(align=True)
             column.operator("f4x.import_scene", text="Import Scene…", icon="IMPORT")
             column.operator("f4x.fit_clip", text="Fit Video…", icon="FILE_MOVIE")
