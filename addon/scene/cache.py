@@ -24,6 +24,7 @@ from ...f4x_core.errors import F4xError
 from ...f4x_core.progress import Progress, silent
 from ...f4x_core.query.calibration import prepare
 from ...f4x_core.query.following import draw_views
+from ...f4x_core.query.inventory import words_there
 from ...f4x_core.scene import Scene, read_header, read_scene
 from ...f4x_core.scene.foreign import open_any
 from ...f4x_core.scene.linear import NAMES as LINEAR_ARRAYS
@@ -63,6 +64,7 @@ LINEAR = "linear "
 """Begins the key of what is kept for linear light."""
 _files: dict[str, SceneFile] = {}  # path -> what it held when it was looked at last
 _preparing: dict[int, Event] = {}  # id of a scene's static set -> set when its neighbourhoods are known
+_answers: dict[int, list[str]] = {}  # id of a scene's static set -> words that something in it answers to, most first
 _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
 
@@ -159,7 +161,7 @@ def prepare_soon(scene: Scene) -> None:
 
 
 def _prepare(scene: Scene) -> None:
-    """Compute in a thread what the first query needs: superpoints and neighbourhoods (seconds), then the views of the clip."""
+    """Compute in a thread what the first query needs: superpoints, neighbourhoods (seconds), words, then views of the clip."""
     if id(scene.static) in _preparing:
         return
     ready = _preparing[id(scene.static)] = Event()
@@ -169,9 +171,16 @@ def _prepare(scene: Scene) -> None:
             prepare(scene)
         finally:
             ready.set()
+        words, sure = words_there(scene)
+        _answers[id(scene.static)] = words if sure else []
         draw_views(scene)  # a query meanwhile draws what is not there yet
 
     Thread(target=work, daemon=True).start()
+
+
+def answers_of(scene: Scene) -> list[str]:
+    """Return words that something in the scene answers to, most first; none until its preparation has found them."""
+    return _answers.get(id(scene.static), [])
 
 
 def wait_until_prepared(scene: Scene, progress: Progress = silent) -> None:
@@ -191,6 +200,7 @@ def forget() -> None:
     _files.clear()
     _scenes.clear()
     _preparing.clear()
+    _answers.clear()
 
 
 def _hash(data: Mapping) -> str:

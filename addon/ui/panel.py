@@ -19,7 +19,7 @@ from ..operators import baking, cleanup, editing, point_edits
 from ..operators.gestures import TOOLS
 from ..operators.searching import draw_search
 from ..render import viewport
-from ..scene import tints
+from ..scene import cache, tints
 from ..scene.clip_time import is_still
 from ..scene.scene_object import SceneObject, why_none
 
@@ -100,13 +100,13 @@ def _examples(scene_object: SceneObject) -> tuple[str, str]:
     """Return what the empty fields for words and sentences show: something that this scene can find."""
     still = is_still(scene_object.root)
     try:
-        features = scene_object.base.features
+        words = cache.answers_of(scene_object.base)
     except F4xError:  # its file is missing
-        features = None
-    if features is not None and any(head.spec.text_encoder for head in features.heads):
-        return "dog, cat", "make the dog red" if still else "make the dog red from second 2"
-    words = "everything" if still else "what moves"
-    return words, f"make {words} red"
+        words = []
+    if words:
+        return ", ".join(words[:2]), f"make the {words[0]} red{'' if still else ' from second 2'}"
+    word = "everything" if still else "what moves"
+    return word, f"make {word} red"
 
 
 def _touched(context: bpy.types.Context, scene_object: SceneObject) -> str:
