@@ -70,6 +70,31 @@ noted["redone"] = [len(scene_object().stack), len(root().f4x.readings)]
     assert noted["undone"] == [steps, 0, False, "copy the wall to the left"] and noted["redone"] == [1, 0]
 
 
+def test_a_blend_of_an_older_version_gets_what_a_plan_needs_as_a_step_of_its_own(folder):
+    script = """
+for cloud in scene_object().clouds:
+    if "edited" in cloud.name:
+        bpy.data.objects.remove(cloud)
+    elif "Feature4X visible" in cloud.modifiers:
+        cloud.modifiers.remove(cloud.modifiers["Feature4X visible"])
+push("older")
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
+noted["planned"] = [len(scene_object().clouds), "f4x_preview" in root()]
+for step in ("undo", "undo", "redo", "redo"):
+    getattr(bpy.ops.ed, step)(); bpy.context.view_layer.update()
+    noted.setdefault("steps", []).append([len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root()])
+ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
+ops.apply_plan("EXEC_DEFAULT", True)
+bpy.ops.ed.undo(); bpy.context.view_layer.update()
+shown = [values(cloud, "gid") for cloud in scene_object().clouds]
+noted["shown"] = [len(scene_object().stack), sum(len(ids) for ids in shown if ids is not None)]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["planned"] == [3, True] and noted["shown"] == [0, 1201]
+    assert noted["steps"] == 4 * [[0, 0, False]]
+
+
 def test_undo_shows_edits_over_time_as_they_are_at_this_frame(folder):
     script = """
 ops.query_text("EXEC_DEFAULT", True, text="square")
