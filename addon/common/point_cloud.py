@@ -62,6 +62,15 @@ def selected_in(layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
     return [item for item in layer.objects if item is not None and item.select_get(view_layer=layer)]
 
 
+def select_only(item: bpy.types.Object) -> None:
+    """Select an object alone and make it the active one."""
+    layer = bpy.context.view_layer
+    for other in selected_in(layer):
+        other.select_set(False)
+    item.select_set(True)
+    layer.objects.active = item
+
+
 def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:
     """Blender 4.5 and 5.0 can only convert a mesh's vertices to points."""
     mesh = bpy.data.meshes.new(name)
@@ -71,10 +80,7 @@ def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bp
     whole.objects.link(item)
     layer = bpy.context.view_layer
     selected, active = selected_in(layer), layer.objects.active
-    for other in selected:
-        other.select_set(False)
-    item.select_set(True)
-    layer.objects.active = item
+    select_only(item)
     bpy.ops.object.convert(target="POINTCLOUD")
     item.select_set(False)
     for other in selected:

@@ -1,6 +1,14 @@
-"""Steps of undo that no operator of a button ends."""
+"""Steps of undo that no operator of a button ends, and the mode in which there are any."""
 
 import bpy
+
+
+def leave_mode() -> bool:
+    """Go to Object Mode; return True if another one was on."""
+    other = bpy.context.mode != "OBJECT"
+    if other:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    return other
 
 
 def end_step(name: str) -> None:

@@ -41,7 +41,7 @@ from ..common.gaussian_attributes import RECOLORED, write_appearance, write_line
 from ..common.point_cloud import RESIZES, new_point_cloud, read_attribute, write_attribute
 from ..common.process_exit import end_process
 from ..common.render_settings import ENGINE
-from ..common.undo import end_step
+from ..common.undo import end_step, leave_mode
 from ..common.wording import error_line, panel_words
 from ..rig.motion_edits import refresh_keys
 from ..scene import clip_time
@@ -86,8 +86,7 @@ def refresh(scene_object: SceneObject, *, summary: bool = True) -> bool:
     `summary`: that of what the edits uncover, too, which takes longer than all the rest.
     Return True where datablocks came or went, of which undo must know: in a .blend of an older version, and before Blender 5.1.
     """
-    if bpy.context.mode != "OBJECT":
-        bpy.ops.object.mode_set(mode="OBJECT")
+    leave_mode()
     display = scene_object.shown
     refresh_keys(scene_object)
     changed = _fit_separate_cloud(scene_object, display)
@@ -104,8 +103,8 @@ def refresh(scene_object: SceneObject, *, summary: bool = True) -> bool:
 def preview(scene_object: SceneObject, on: bool) -> None:
     """Show the picked reading of the sentence in place of the pending edits, or these again. May raise F4xError."""
     scene_object.show_preview(scene_object.with_reading() if on else None)
-    left_mode = bpy.context.mode != "OBJECT"
-    if refresh(scene_object) or left_mode:
+    left = leave_mode()
+    if refresh(scene_object) or left:
         end_step("Preview")
 
 
@@ -224,10 +223,7 @@ def _fit_separate_cloud(scene_object: SceneObject, display: Display) -> bool:
     ids = display.scene.ids[display.apart].astype(np.int32)
     if np.array_equal([] if old is None else read_attribute(old.data, "gid"), ids):
         return False
-    kept = {
-        name: (kind, scene_object.read(name))
-        for name, kind in ((SELECTED, "BOOLEAN"), (SCORE, "FLOAT"), (HIDDEN, "BOOLEAN"))
-    }
+    kept = scene_object.marks
     if old is not None and RESIZES:
         old.data.resize(len(ids))
         _identify(old.data, display.scene, display.apart)

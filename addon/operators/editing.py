@@ -54,7 +54,7 @@ from ..jobs.preferences import preferences
 from ..scene import cache, clip_time
 from ..scene.scene_object import EDITS, PREVIEW, TIMED, SceneObject
 from . import point_edits
-from .base import SceneOperator
+from .base import DescribedChoice, SceneOperator
 from .searching import SearchOperator
 
 if TYPE_CHECKING:
@@ -312,7 +312,7 @@ class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
         return Name(scene_object.selected_ids, self.called)
 
 
-class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_history(DescribedChoice, SceneOperator, bpy.types.Operator):  # noqa: N801
     """Change the list of edits."""
 
     bl_idname, bl_label = "f4x.history", "Edit History"
@@ -328,11 +328,6 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
         ),
     )
     edit_id: IntProperty(name="Edit")  # type: ignore[valid-type]
-
-    @classmethod
-    def description(cls, context, properties):
-        """The tooltip of each button."""
-        return properties.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, scene_object):
         """Change the stack, and show it."""

@@ -16,6 +16,7 @@ from ..edits.fields import draw_fields
 from ..io.render_setup import clip_camera
 from ..jobs import runner
 from ..operators import baking, cleanup, editing, point_edits
+from ..operators.base import Section
 from ..operators.gestures import TOOLS
 from ..operators.searching import draw_search
 from ..render import viewport
@@ -46,17 +47,6 @@ CLOSE_BUTTON = 4
 """Characters that a button beside lines takes."""
 ANSWER_LINES = 1
 """Lines kept free for an answer, so that it moves no button under the mouse."""
-
-
-class _Section:
-    """Base of the panels that need an imported scene."""
-
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
-
-    @classmethod
-    def poll(cls, context):
-        """Show the panel if there is an imported scene."""
-        return SceneObject.of(context.object) is not None
 
 
 class F4X_UL_names(bpy.types.UIList):  # noqa: N801 - Blender wants this form
@@ -162,7 +152,7 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             row.operator("f4x.dismiss_notice", text="", icon="X", emboss=False)
 
 
-class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_ask(Section, bpy.types.Panel):  # noqa: N801
     """Selection by words, a click or a gesture."""
 
     bl_label = "Select"
@@ -199,7 +189,7 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(state, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
 
 
-class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_selection(Section, bpy.types.Panel):  # noqa: N801
     """Tools for the selection."""
 
     bl_label = "Refine"
@@ -240,7 +230,7 @@ class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
             ].name
 
 
-class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_change(Section, bpy.types.Panel):  # noqa: N801
     """A sentence, and buttons, that edit the selection."""
 
     bl_label = "Edit"
@@ -310,7 +300,7 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
             again.readings = editing.READINGS
 
 
-class F4X_PT_place(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_place(Section, bpy.types.Panel):  # noqa: N801
     """Tools that clean a scene, and put it where it belongs."""
 
     bl_label = "Clean and Place"
@@ -335,7 +325,7 @@ class F4X_PT_place(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.scale_length")
 
 
-class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_history(Section, bpy.types.Panel):  # noqa: N801
     """The edit stack, and whether it is saved in the scene file."""
 
     bl_label = "Edits"
