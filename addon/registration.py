@@ -69,7 +69,7 @@ HANDLED = (
     viewport,
 )
 """Modules with `HANDLERS`: name of a list of `bpy.app.handlers` -> function; Blender calls them in this order."""
-STARTED = (engine, properties, gestures, overlay, believed, native_motion, shadows, meshes, viewport)
+STARTED = (engine, properties, gestures, editing, overlay, believed, native_motion, shadows, meshes, viewport)
 """Modules with their own register() to call once the classes are registered."""
 
 

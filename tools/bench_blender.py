@@ -120,9 +120,8 @@ class Bench:
 
         scene = bpy.context.scene
         frames = range(scene.frame_start, min(scene.frame_end + 1, scene.frame_start + PLAYED))
-        modifiers = [
-            modifier for item in self.root.children if item.type == "POINTCLOUD" for modifier in item.modifiers
-        ]
+        clouds = [item for item in self.root.children if item.type == "POINTCLOUD"]
+        modifiers = [modifier for item in clouds for modifier in item.modifiers if modifier.show_viewport]
         row: dict[str, Any] = {"frames": len(frames)}
         for name, on in (("without_motion_", False), ("", True)):
             for modifier in modifiers:
@@ -147,6 +146,8 @@ class Bench:
             depsgraph = bpy.context.evaluated_depsgraph_get()
             for cloud, at, row in SceneObject(self.root).points():
                 data = cloud.evaluated_get(depsgraph).data
+                if not len(at):  # no edit moves anything
+                    continue
                 errors.append(np.abs(read_attribute(data, "position")[at] - posed.means[row]).max())
                 there, core = read_attribute(data, "rotation")[at], posed.quats[row]
                 turns.append(np.minimum(np.abs(there - core).max(1), np.abs(there + core).max(1)).max())

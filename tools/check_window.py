@@ -49,7 +49,9 @@ from bpy_extras import view3d_utils
 from mathutils import Vector
 door.load_extension().register()
 from feature4x.addon.jobs import runner, worker
+from feature4x.addon.render import viewport_gpu
 from feature4x.addon.scene.scene_object import SELECTED, SceneObject
+viewport_gpu.is_software = lambda: False  # a program plays the graphics card here, and is to be tried
 view = bpy.context.preferences.view
 view.show_splash = view.show_tooltips = False  # they would take a click
 view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
@@ -63,6 +65,9 @@ def tell(**more):
     with open("{home}/state.new", "w") as file:
         json.dump(state, file)
     os.replace("{home}/state.new", "{home}/state.json")
+
+def no_card():
+    return None
 
 def note(what):
     return lambda *_: state.update(rendered=what)
@@ -131,6 +136,11 @@ def look():
             mesh = bpy.data.meshes.new("cover")
             mesh.from_pydata([camera.matrix_world @ (corner / (-2 * corner.z)) for corner in corners], [], [(0, 1, 2, 3)])
             bpy.context.collection.objects.link(bpy.data.objects.new("cover", mesh))
+        space = area.spaces.active
+        processor = space.shading.type == "{shading}" and viewport_gpu.picture is no_card
+        if os.path.exists("{home}/processor") and not processor:  # a viewport that shows the engine anew asks for a card again
+            space.shading.type = "{shading}" if space.shading.type == "WIREFRAME" else "WIREFRAME"
+            viewport_gpu.picture = no_card
         region = next(region for region in area.regions if region.type == "WINDOW")
         frame = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=bpy.context.scene)]
         across = [view3d_utils.location_3d_to_region_2d(region, area.spaces.active.region_3d, each).x for each in frame]
@@ -144,6 +154,7 @@ def look():
             saved=scene_object.is_saved,
             last=last[-1].bl_idname if last else "",
             covered="cover" in bpy.data.objects,
+            processor=processor,
             job=[job.state for job in runner.all_jobs()],
             stage=[job.stage for job in runner.all_jobs()],
         )
@@ -202,6 +213,7 @@ class Window:
             "job",
             "stage",
             "covered",
+            "processor",
         )
         state = {"beat": 0} | dict.fromkeys(nothing)
         try:
@@ -280,6 +292,7 @@ def main() -> None:
         select_by_mouse(window, box)
         stop_render_and_job(window)
         window.until("15_covered", lambda state: bool(state["covered"]), (window.home / "cover").touch)
+        window.until("16_processor", lambda state: bool(state["processor"]), (window.home / "processor").touch)
         print(json.dumps(window.steps))
 
 

@@ -34,8 +34,8 @@ def check_splats() -> None:
 
 
 def clouds_below(root: Any) -> list[Any]:
-    """The point clouds of a scene."""
-    return [item for item in root.children_recursive if item.type == "POINTCLOUD"]
+    """The point clouds of a scene that hold Gaussians."""
+    return [item for item in root.children_recursive if item.type == "POINTCLOUD" and len(item.data.points)]
 
 
 def places(cloud: Any) -> np.ndarray:

@@ -247,7 +247,6 @@ def set_property(walk: Walk) -> None:
             ("through", random.random() < 0.5),
             ("whole", random.random() < 0.5),
             ("sphere_radius", random.uniform(0, 0.5)),
-            ("preview", random.random() < 0.5),
         ]
     )
     walk.note(f"  {found.name} {name} {value}")
@@ -440,11 +439,10 @@ def history(walk: Walk) -> None:
 @action(3)
 def plan(walk: Walk) -> None:
     """Say what to do."""
-    sentence, found = walk.random.choice(SENTENCES).format(word=walk.word()), walk.scene()
-    shown = found is not None and not found.is_linked and found.state.preview
-    done = walk.call(bpy.ops.f4x.plan, sentence=sentence, readings=walk.random.choice((1, 1, 4)))
-    if shown and not done:  # the refused sentence has ended the preview of the one before
-        walk.remember()
+    sentence = walk.random.choice(SENTENCES).format(word=walk.word())
+    walk.call(bpy.ops.f4x.plan, sentence=sentence, readings=walk.random.choice((1, 1, 4)))
+    if walk.random.random() < 0.3:
+        bpy.context.window_manager.f4x.preview = walk.random.random() < 0.5
 
 
 @action(0.3)

@@ -73,8 +73,11 @@ class RandomWalk(Walk):
 
     def _check(self, may: str, before: dict[int, list]) -> None:
         for uid, edits in pending().items() if may != ANY else ():
-            kept = edits[: len(before.get(uid, edits))] if may == GROWS else edits
-            require(before.get(uid, kept) == kept, f"edits were {before.get(uid)} and are {edits}")
+            was = before.get(uid, edits)
+            kept = edits[: len(was)] if may == GROWS else edits
+            undone = {edit["edit"] for edit in edits[len(was) :] if edit["op"] == "take_back"}  # by a sentence
+            same = [one == other or other["id"] in undone for one, other in zip(was, kept, strict=False)]
+            require(len(was) == len(kept) and all(same), f"edits were {was} and are {edits}")
         for scene_object in own_scenes():
             check_words(scene_object)
             check_points(scene_object)

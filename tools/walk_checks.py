@@ -57,12 +57,15 @@ def own_scenes() -> list[SceneObject]:
     return [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked and each.name in shown]
 
 
-def content() -> dict[str, dict[str, str]]:
-    """Return the parts of the file's scenes that a person would miss: edits, points, selected and hidden Gaussians."""
+def content() -> dict[str, dict[str, str | None]]:
+    """Return the parts of the file's scenes that a person would miss: edits, points, selected and hidden Gaussians.
+
+    None where it is not known, without the scene file.
+    """
     found = {}
     for scene_object in own_scenes():
         points = {
-            f"{cloud.name} {name}": _hash(read_attribute(cloud.data, name))
+            f"{cloud.name} {name}": _hash_of(scene_object, cloud, name)
             for cloud in scene_object.clouds
             for name in (SELECTED, HIDDEN, "gid")
         }
@@ -70,11 +73,24 @@ def content() -> dict[str, dict[str, str]]:
     return found
 
 
+def _hash_of(scene_object: SceneObject, cloud: bpy.types.Object, name: str) -> str | None:
+    """Return the hash of an attribute; in the separate cloud only points that pending edits need count, not a preview's."""
+    values = read_attribute(cloud.data, name)
+    if APART not in cloud or values is None:
+        return _hash(values)
+    try:
+        pending = scene_object.pending
+    except F4xError:
+        return None
+    return _hash(values[np.isin(read_attribute(cloud.data, "gid"), pending.scene.ids[pending.apart])])
+
+
 def same(before: dict, after: dict, what: str) -> None:
     """Raise `WrongError` where what scenes hold differs."""
     for name in before.keys() | after.keys():
         here, there = before.get(name, {}), after.get(name, {})
-        keys = sorted(key for key in here.keys() | there.keys() if here.get(key) != there.get(key))
+        known = [key for key in here.keys() | there.keys() if None not in (here.get(key, ""), there.get(key, ""))]
+        keys = sorted(key for key in known if here.get(key) != there.get(key))
         require(not keys, f"{what}: {name} had and has {[(key, here.get(key), there.get(key)) for key in keys]}")
 
 

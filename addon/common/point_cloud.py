@@ -16,6 +16,8 @@ _LAYOUT = {
 }
 FLOAT4 = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 """Four plain floats; Blender before 5.2 has only colours of four floats."""
+RESIZES = "resize" in bpy.types.PointCloud.bl_rna.functions
+"""True where points come and go within a point cloud; Blender before 5.1 makes another one."""
 
 
 def write_attribute(data: bpy.types.ID, name: str, kind: str, values: np.ndarray) -> None:
@@ -43,7 +45,7 @@ def read_attribute(data: bpy.types.ID, name: str) -> np.ndarray | None:
 
 def new_point_cloud(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:
     """Add an object with `count` points to `collection`; Gaussian splats where Blender has them (5.3)."""
-    if hasattr(bpy.types.PointCloud, "resize"):  # Blender 5.1+
+    if RESIZES:
         cloud = bpy.data.pointclouds.new(name)
         cloud.resize(count)
         item = bpy.data.objects.new(name, cloud)
@@ -60,6 +62,15 @@ def selected_in(layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
     return [item for item in layer.objects if item is not None and item.select_get(view_layer=layer)]
 
 
+def select_only(item: bpy.types.Object) -> None:
+    """Select an object alone and make it the active one."""
+    layer = bpy.context.view_layer
+    for other in selected_in(layer):
+        other.select_set(False)
+    item.select_set(True)
+    layer.objects.active = item
+
+
 def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:
     """Blender 4.5 and 5.0 can only convert a mesh's vertices to points."""
     mesh = bpy.data.meshes.new(name)
@@ -69,10 +80,7 @@ def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bp
     whole.objects.link(item)
     layer = bpy.context.view_layer
     selected, active = selected_in(layer), layer.objects.active
-    for other in selected:
-        other.select_set(False)
-    item.select_set(True)
-    layer.objects.active = item
+    select_only(item)
     bpy.ops.object.convert(target="POINTCLOUD")
     item.select_set(False)
     for other in selected:

@@ -8,6 +8,7 @@ import bpy
 
 from ...f4x_core.printing import one_line
 from ...f4x_core.troubles import EXPECTED, with_code
+from .undo import leave_mode
 
 _PANEL_WORDS = (
     (r"`?f4x distill [^`.;]*--vocabulary[^`.;]*`?", "Tasks > Features, Words"),
@@ -86,8 +87,8 @@ def _reporting(method: Callable) -> Callable:
             if method.__name__ == "modal":
                 operator.let_go(context)
             return refuse(operator, error)
-        if "FINISHED" in done and "UNDO" in operator.bl_options and context.mode != "OBJECT":
-            bpy.ops.object.mode_set(mode="OBJECT")
+        if "FINISHED" in done and "UNDO" in operator.bl_options:
+            leave_mode()
         return done
 
     if method.__name__ == "execute":  # Blender counts the arguments

@@ -9,6 +9,9 @@ separate cloud, from the evaluated base clouds. It deletes points with one of th
 so all engines agree. The object `NAME edited` is the separate cloud, with positions and appearance that the core computes. For
 scenes with edits that change over time (`f4x_timed` on the root) a handler writes them at every frame; all other scenes play
 as fast as without edits.
+
+A preview is no step of undo, so it must neither add nor remove datablocks: the cloud and the modifiers come with the import
+(`make_ready`), empty and switched off.
 """
 
 from __future__ import annotations
@@ -30,14 +33,15 @@ from ...f4x_core.edit.operations import Operation
 from ...f4x_core.edit.uncovered import summary_of, uncovered
 from ...f4x_core.errors import F4xError
 from ...f4x_core.language.colour_names import everyday_name, from_hex
-from ...f4x_core.scene import PosedSplats
+from ...f4x_core.scene import PosedSplats, Scene
 from ...f4x_core.scene.linear import Look, fitted_look
 from ...f4x_core.troubles import EXPECTED, sentence_of
 from ..common.axes import SceneAxes
 from ..common.gaussian_attributes import RECOLORED, write_appearance, write_linear, write_places
-from ..common.point_cloud import new_point_cloud, read_attribute, write_attribute
+from ..common.point_cloud import RESIZES, new_point_cloud, read_attribute, write_attribute
 from ..common.process_exit import end_process
 from ..common.render_settings import ENGINE
+from ..common.undo import end_step, leave_mode
 from ..common.wording import error_line, panel_words
 from ..rig.motion_edits import refresh_keys
 from ..scene import clip_time
@@ -76,16 +80,16 @@ _failures: dict[int, Exception] = {}  # session_uid of a root -> why this frame 
 _counts: dict[int, tuple[int, int]] = {}  # session_uid of a root -> what `counts` found since anything changed
 
 
-def refresh(scene_object: SceneObject, *, summary: bool = True) -> None:
+def refresh(scene_object: SceneObject, *, summary: bool = True) -> bool:
     """Show the preview of a scene, or its pending edits, at the current frame, and update the panel. May raise F4xError.
 
     `summary`: that of what the edits uncover, too, which takes longer than all the rest.
+    Return True where datablocks came or went, of which undo must know: in a .blend of an older version, and before Blender 5.1.
     """
-    if bpy.context.mode != "OBJECT":
-        bpy.ops.object.mode_set(mode="OBJECT")
+    leave_mode()
     display = scene_object.shown
     refresh_keys(scene_object)
-    _set_up_separate_cloud(scene_object, display)
+    changed = _fit_separate_cloud(scene_object, display)
     _draw(scene_object, display, everything=True)
     _remove_handles(scene_object)
     scene_object.root[DRAWN] = _hash(scene_object)
@@ -93,6 +97,28 @@ def refresh(scene_object: SceneObject, *, summary: bool = True) -> None:
     if display.changes or PREVIEW in scene_object.root:  # handlers write attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
     update_panel(scene_object, summary)
+    return changed
+
+
+def preview(scene_object: SceneObject, on: bool) -> None:
+    """Show the picked reading of the sentence in place of the pending edits, or these again. May raise F4xError."""
+    scene_object.show_preview(scene_object.with_reading() if on else None)
+    left = leave_mode()
+    if refresh(scene_object) or left:
+        end_step("Preview")
+
+
+def make_ready(scene_object: SceneObject) -> None:
+    """Add what edits need, empty and switched off, where Blender can fill it later: no preview then adds or removes datablocks."""
+    if RESIZES:
+        base, none = scene_object.base, np.zeros(0, int)
+        item = _add_separate_cloud(scene_object, base, none)
+        quats, sh, opacities = (values[none] for values in (base.static.quats, base.static.sh, base.static.opacities))
+        write_places(item.data, base.static.means[none], quats, base.static.scales[none])
+        write_appearance(item.data, quats, sh, opacities)
+        for cloud in (*scene_object.clouds, item):
+            if VISIBLE not in cloud.modifiers and "gid" in cloud.data.attributes:
+                _add_visibility_modifier(cloud)
 
 
 def _remove_handles(scene_object: SceneObject) -> None:
@@ -132,7 +158,7 @@ def update_panel(scene_object: SceneObject, summary: bool = True) -> None:
 def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:
     """Hide the Gaussians `hidden (N,) bool` and show all others, without an edit."""
     scene_object.write(**{HIDDEN: ("BOOLEAN", hidden)})
-    _add_visibility_modifier(scene_object.clouds)
+    _take_out_hidden(scene_object.clouds)
 
 
 def count(scene_object: SceneObject) -> None:
@@ -191,35 +217,47 @@ def _fill_lists(scene_object: SceneObject) -> None:
     state.name_index = min(max(state.name_index, 0), len(state.names) - 1)
 
 
-def _set_up_separate_cloud(scene_object: SceneObject, display: Display) -> None:
-    """Create, resize or remove the separate cloud so that it has the needed points; selection and scores are kept."""
+def _fit_separate_cloud(scene_object: SceneObject, display: Display) -> bool:
+    """Let the separate cloud have the needed points; selection and scores are kept. Return True where datablocks came or went."""
     old = next((cloud for cloud in scene_object.clouds if APART in cloud), None)
     ids = display.scene.ids[display.apart].astype(np.int32)
-    if old is not None and len(old.data.points) == len(ids) and np.array_equal(read_attribute(old.data, "gid"), ids):
-        return
-    if old is None and not len(ids):
-        return
-    kept = {
-        name: (kind, scene_object.read(name))
-        for name, kind in ((SELECTED, "BOOLEAN"), (SCORE, "FLOAT"), (HIDDEN, "BOOLEAN"))
-    }
+    if np.array_equal([] if old is None else read_attribute(old.data, "gid"), ids):
+        return False
+    kept = scene_object.marks
+    if old is not None and RESIZES:
+        old.data.resize(len(ids))
+        _identify(old.data, display.scene, display.apart)
+        scene_object.write(**kept)
+        return False
     if old is not None:
         data = old.data
         bpy.data.objects.remove(old)
         bpy.data.pointclouds.remove(data)
     if len(ids):
-        model = scene_object.clouds[0]
-        item = new_point_cloud(f"{scene_object.name} edited", len(ids), model.users_collection[0])
-        item.parent = scene_object.root
-        item[APART] = True
-        for material in model.data.materials:
-            item.data.materials.append(material)
-        write_attribute(item.data, "gid", "INT", ids)
-        tints = display.scene.tints
-        if tints is not None:
-            write_tints(item.data, tints_of(display.scene)[display.scene.origin[display.apart]])
-            add_tints(scene_object.root, item, tints.times, are_shown(scene_object.clouds))
+        _add_separate_cloud(scene_object, display.scene, display.apart)
     scene_object.write(**kept)
+    return True
+
+
+def _add_separate_cloud(scene_object: SceneObject, scene: Scene, apart: np.ndarray) -> bpy.types.Object:
+    """Add the separate cloud of the Gaussians `apart (n,)`, rows of `scene`, without places and appearance."""
+    model = scene_object.clouds[0]
+    item = new_point_cloud(f"{scene_object.name} edited", len(apart), model.users_collection[0])
+    item.parent = scene_object.root
+    item[APART] = True
+    for material in model.data.materials:
+        item.data.materials.append(material)
+    _identify(item.data, scene, apart)
+    if scene.tints is not None:
+        add_tints(scene_object.root, item, scene.tints.times, are_shown(scene_object.clouds))
+    return item
+
+
+def _identify(data: bpy.types.PointCloud, scene: Scene, apart: np.ndarray) -> None:
+    """Write which Gaussians the points of the separate cloud are, and their tints."""
+    write_attribute(data, "gid", "INT", scene.ids[apart])
+    if scene.tints is not None:
+        write_tints(data, tints_of(scene)[scene.origin[apart]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +329,7 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool, time: f
             cloud.data.update_tag()
         if everything:
             cloud.data[DRAWN] = stack
-    _add_visibility_modifier(scene_object.clouds)
+    _take_out_hidden(scene_object.clouds)
 
 
 @dataclass(frozen=True)
@@ -379,17 +417,25 @@ def _draw_separate_cloud(data: bpy.types.PointCloud, points: tuple[np.ndarray, n
     data.update_tag()
 
 
-def _add_visibility_modifier(clouds: list[bpy.types.Object]) -> None:
-    """Add the modifier to clouds with points that must not be shown."""
+def _take_out_hidden(clouds: list[bpy.types.Object]) -> None:
+    """Switch the modifier on in clouds with points that must not be shown, and off elsewhere: it takes time at every frame."""
     for cloud in clouds:
         out = [read_attribute(cloud.data, name) for name in (HIDDEN, GONE)]
+        needed = any(values is not None and values.any() for values in out)
+        modifier = cloud.modifiers.get(VISIBLE)
         # a preview's separate cloud is hidden while something renders, when modifiers cannot come any more
-        if VISIBLE not in cloud.modifiers and (
-            APART in cloud or any(values is not None and values.any() for values in out)
-        ):
-            modifier = cloud.modifiers.new(VISIBLE, "NODES")
-            modifier.node_group = bpy.data.node_groups.get(VISIBLE) or _visible_tree()
-            modifier.show_expanded = False
+        if modifier is None and (needed or APART in cloud):
+            modifier = _add_visibility_modifier(cloud)
+        if modifier is not None and modifier.show_render != needed:
+            modifier.show_viewport = modifier.show_render = needed
+
+
+def _add_visibility_modifier(cloud: bpy.types.Object) -> bpy.types.Modifier:
+    """Return the modifier that deletes points that must not be shown, added to a cloud and switched off."""
+    modifier = cloud.modifiers.new(VISIBLE, "NODES")
+    modifier.node_group = bpy.data.node_groups.get(VISIBLE) or _visible_tree()
+    modifier.show_expanded = modifier.show_viewport = modifier.show_render = False
+    return modifier
 
 
 def _visible_tree() -> bpy.types.GeometryNodeTree:

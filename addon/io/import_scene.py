@@ -3,6 +3,7 @@
     NAME                root empty; carries the turn from the scene's axes (OpenCV, y down) to Blender's (z up)
     ├── NAME static     point cloud
     ├── NAME dynamic    point cloud + geometry nodes (`geometry_nodes`)
+    ├── NAME edited     point cloud of what edits move, retime or copy; empty at first (`edits.display`)
     ├── NAME pairs      hidden helper mesh of the geometry nodes
     ├── NAME camera     keyed at every clip frame; the clip is its background where it is found
     ├── NAME graph      hidden lines between the nodes (`scaffold`)
@@ -184,6 +185,7 @@ def _make_editable(root: bpy.types.Object, clouds: Sequence[bpy.types.Object], s
     scene_object.attach()
     for cloud in clouds:  # Blender 5 takes new points for selected
         write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
+    display.make_ready(scene_object)
     mark_keyed(scene_object)
     layer = layer_of(root)
     if layer is not None:

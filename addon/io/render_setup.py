@@ -7,13 +7,15 @@ neither Blender's defaults nor what the last import set. Then import leaves all 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...f4x_core.scene import Scene
 from ...f4x_core.scene.foreign import SplatSequence
+from ..scene.clip_time import Timing, place, rate_between, timing_of
 from ..scene.scene_object import PATH
 
 CLIP = "f4x_clip"
@@ -26,6 +28,8 @@ VIEW_TRANSFORM = "Standard"
 """The core's picture is display-referred: Standard undoes the linear light of the pass and changes nothing else."""
 DEFAULT_OBJECTS = {"Cube", "Light", "Camera"}
 """Objects of Blender's default file."""
+SAME_RATE = 1e-4
+"""Largest difference of two rates that are the same but for rounding."""
 DEFAULT_CAMERA_LOCATION = (7.3589, -6.9258, 4.9583)
 """Location of the default file's camera; a camera elsewhere was placed by a person."""
 
@@ -89,7 +93,7 @@ def is_under_way(target: bpy.types.Scene) -> bool:
 
 def set_up(target: bpy.types.Scene, camera: bpy.types.Object) -> None:
     """Make `target` look through an imported `camera`, at its clip's size, rate and frames."""
-    clip, render = ClipSettings.read(camera), target.render
+    clip, render, timing = ClipSettings.read(camera), target.render, _timing_at_its_rate(target, camera)
     target.camera = camera
     if clip.size is not None:
         render.resolution_x, render.resolution_y = clip.size
@@ -103,7 +107,9 @@ def set_up(target: bpy.types.Scene, camera: bpy.types.Object) -> None:
     # a frame is the same file whoever renders it, and whenever: what a farm leaves can be compared
     render.use_stamp_date = render.use_stamp_render_time = render.use_stamp_memory = render.use_stamp_hostname = False
     if clip.frames is not None:
-        target.frame_start, target.frame_end = clip.frames
+        if timing != timing_of(camera.parent):
+            place(camera.parent, timing.start, timing.rate)
+        target.frame_start, target.frame_end = _frames_of(clip, timing)
         target.frame_set(target.frame_start)
     target[SET_UP] = json.dumps(_settings(target))
 
@@ -111,7 +117,8 @@ def set_up(target: bpy.types.Scene, camera: bpy.types.Object) -> None:
 def was_set_up(camera: bpy.types.Object) -> str:
     """Return a sentence that names what `set_up` has changed."""
     clip = ClipSettings.read(camera)
-    size, frames = clip.size and _size_text(*clip.size), clip.frames and f"frames {_frames_text(*clip.frames)}"
+    size, frames = clip.size and _size_text(*clip.size), _frames_of(clip, timing_of(camera.parent))
+    frames = frames and f"frames {_frames_text(*frames)}"
     rate = clip.fps and f"{clip.fps:.6g} fps"
     done = [part for part in (size, rate, frames) if part]
     return f"Set up: {', '.join([*done, 'camera', f'view {VIEW_TRANSFORM}'])}"
@@ -126,13 +133,29 @@ def left_as_is(target: bpy.types.Scene, camera: bpy.types.Object) -> str:
         left.append(f"size {_size_text(*size)} (clip: {_size_text(*clip.size)})")
     if clip.fps is not None and abs(clip.fps - fps) > 1e-3:
         left.append(f"rate {fps:.6g} fps (clip: {clip.fps:.6g})")
-    if clip.frames not in (None, frames):
-        left.append(f"frames {_frames_text(*frames)} (clip: {_frames_text(*clip.frames)})")
+    wanted = _frames_of(clip, _timing_at_its_rate(target, camera))
+    if wanted not in (None, frames):
+        left.append(f"frames {_frames_text(*frames)} (clip: {_frames_text(*wanted)})")
     if target.camera != camera:
         left.append(f"camera {target.camera.name!r}" if target.camera else "no camera")
     if transform != VIEW_TRANSFORM:
         left.append(f"view transform {transform}")
     return f"Left as they are: {', '.join(left)}; Set Up Render takes the clip's" if left else ""
+
+
+def _timing_at_its_rate(target: bpy.types.Scene, camera: bpy.types.Object) -> Timing:
+    """Return the timing of an imported `camera` once `target` has its clip's rate: its own pace is Speed 1 then."""
+    clip, timing = ClipSettings.read(camera), timing_of(camera.parent)
+    own_pace = clip.fps is not None and abs(timing.rate - rate_between(clip.fps, target)) < SAME_RATE
+    return replace(timing, rate=1.0) if own_pace else timing
+
+
+def _frames_of(clip: ClipSettings, timing: Timing) -> tuple[int, int] | None:
+    """Return the frames of the timeline at which a clip begins and ends; None for a still."""
+    if clip.frames is None:
+        return None
+    first, last = timing.frames_of(np.array(clip.frames))
+    return round(float(first)), round(float(last))
 
 
 def _size_text(width: int, height: int) -> str:

@@ -78,8 +78,13 @@ def start_task(
 
 def tick() -> float | None:
     """Poll every job once. Returns the seconds until the next poll, None if no job runs."""
+    windows = bpy.context.window_manager.windows
+    for window in windows if (busy := any(job.arrived and job.state == worker.RUNNING for job in _jobs)) else ():
+        window.cursor_set("WAIT")
     running = [job for job in _jobs if job.poll()]
-    for window in bpy.context.window_manager.windows:
+    for window in windows:
+        if busy:
+            window.cursor_set("DEFAULT")
         for area in window.screen.areas:
             if area.type in _AREAS:
                 area.tag_redraw()
@@ -112,6 +117,9 @@ def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -
         row.label(text=job.title, icon=_ICONS[job.state])
         row.operator("f4x.dismiss_job", text="", icon="X").number = number
         count = f" {job.done} of {job.total}" if job.total else ""
+        if job.arrived:
+            box.label(text="Showing the result…")
+            return
         box.progress(factor=job.fraction, text=f"{job.stage}{count}")
         if job.message:
             box.label(text=job.message)

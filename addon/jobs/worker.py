@@ -61,7 +61,7 @@ class Job:
         on_done: Callable[[dict[str, Any]], None] | None = None,
         patience: float = PATIENCE,
     ):
-        """Start `command`; `on_done(result)` is called by the `poll` that finds it succeeded.
+        """Start `command`; `on_done(result)` is called by the `poll` after the one that finds it succeeded.
 
         Raises:
             F4xError: the interpreter does not exist or cannot be started.
@@ -71,6 +71,8 @@ class Job:
         self.instead = ""  # what was probably meant, where the child asks
         self.result: dict[str, Any] | None = None
         self.stage, self.done, self.total, self.message = "starting", 0, 0, ""
+        self.arrived = False
+        """True once the result is there: the next `poll` calls `on_done`, and the window says so before that keeps it busy."""
         self.log: deque[str] = deque(maxlen=LOG_LINES)
         self.interpreter = command[0]
         if shutil.which(self.interpreter) is None:
@@ -164,15 +166,18 @@ class Job:
             self.done, self.total = _count(message.get("done")), _count(message.get("total"))
 
     def _finish(self, code: int) -> None:
-        if code == 0 and isinstance(self.result, dict):
-            self._end(DONE)
-            if self.on_done is not None:
-                try:
-                    self.on_done(self.result)
-                except EXPECTED as error:
-                    self.state, self.error = FAILED, with_code(error)
-        else:
+        if code != 0 or not isinstance(self.result, dict):
             self._end(FAILED, self.error or self._reason(code))
+            return
+        if self.on_done is not None and not self.arrived:
+            self.arrived = True
+            return
+        self._end(DONE)
+        if self.on_done is not None:
+            try:
+                self.on_done(self.result)
+            except EXPECTED as error:
+                self.state, self.error = FAILED, with_code(error)
 
     def _reason(self, code: int) -> str:
         """Return a sentence for a child that ended without one."""

@@ -11,7 +11,8 @@ from bpy_extras.io_utils import ExportHelper
 
 from ...f4x_core.edit.baking import BakeTask
 from ...f4x_core.errors import F4xError
-from ..common.point_cloud import selected_in
+from ..common.point_cloud import select_only
+from ..common.undo import end_step
 from ..io.import_scene import import_scene
 from ..io.render_setup import clip_camera
 from ..jobs import runner
@@ -73,13 +74,8 @@ def _show_instead(root: bpy.types.Object, path: Path) -> None:
     for collection in root.users_collection:
         if collection != scene.collection:
             collection.hide_viewport = collection.hide_render = True
-    view_layer = bpy.context.view_layer
-    for item in selected_in(view_layer):
-        item.select_set(False)
-    new.select_set(True)
-    view_layer.objects.active = new
-    if bpy.ops.ed.undo_push.poll():
-        bpy.ops.ed.undo_push(message=F4X_OT_bake_edits.bl_label)
+    select_only(new)
+    end_step(F4X_OT_bake_edits.bl_label)
 
 
 CLASSES = (F4X_OT_bake_edits,)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...f4x_core.errors import F4xError
+from ..common.lines import CATEGORY
 from ..common.wording import Reporting
 from ..scene.scene_object import SceneObject, why_not
 
@@ -30,6 +31,29 @@ class SceneOperator(Reporting):
         """Call `act`."""
         self.act(context, SceneObject.of(context.object))
         return {"FINISHED"}
+
+
+class Section:
+    """Base of the panels that need an imported scene."""
+
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
+
+    @classmethod
+    def poll(cls, context):
+        """Show the panel if there is an imported scene."""
+        return SceneObject.of(context.object) is not None
+
+
+class DescribedChoice:
+    """Mixin of operators whose buttons differ in one property: its items have their tooltips."""
+
+    choice = "how"
+    """Name of the property."""
+
+    @classmethod
+    def description(cls, context, properties):
+        """The tooltip of each button."""
+        return properties.bl_rna.properties[cls.choice].enum_items[getattr(properties, cls.choice)].description
 
 
 def require_viewport(context: bpy.types.Context) -> None:

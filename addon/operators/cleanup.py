@@ -13,10 +13,10 @@ from ...f4x_core.errors import F4xError
 from ...f4x_core.query.floaters import floater_scores
 from ...f4x_core.query.not_deleted import not_deleted
 from ...f4x_core.query.volumes import inside_cube
-from ..common.point_cloud import selected_in
+from ..common.point_cloud import select_only
 from ..edits import display
 from ..scene.scene_object import SceneObject
-from .base import SceneOperator
+from .base import DescribedChoice, SceneOperator
 
 BOX = "f4x_crop_box"
 """Property of an empty that is a crop box: the id of the edit that it made last, 0 before."""
@@ -79,16 +79,14 @@ class F4X_OT_add_crop_box(SceneOperator, bpy.types.Operator):  # noqa: N801
         box.parent, box.matrix_parent_inverse = root, root.matrix_world.inverted_safe()  # its numbers are Blender's
         half = np.maximum((high - low) / 2 * MARGIN, 1e-3)
         box.matrix_basis = Matrix.LocRotScale(((low + high) / 2).tolist(), None, half.tolist())
-        for item in selected_in(context.view_layer):
-            item.select_set(False)
-        box.select_set(True)
-        context.view_layer.objects.active = box
+        select_only(box)
 
 
-class F4X_OT_crop(SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_crop(DescribedChoice, SceneOperator, bpy.types.Operator):  # noqa: N801
     """Remove what is outside or inside the crop box, as an edit. Pressed again, the box replaces its own edit."""
 
     bl_idname, bl_label = "f4x.crop", "Crop"
+    choice = "keep"
 
     keep: EnumProperty(  # type: ignore[valid-type]
         name="Keep",
@@ -97,11 +95,6 @@ class F4X_OT_crop(SceneOperator, bpy.types.Operator):  # noqa: N801
             ("OUTSIDE", "Remove Inside", "Remove everything that is in the box at some time of the clip"),
         ),
     )
-
-    @classmethod
-    def description(cls, context, properties):
-        """The tooltip of each button."""
-        return properties.bl_rna.properties["keep"].enum_items[properties.keep].description
 
     def act(self, context, scene_object):
         """Append a removal, in place of what this box removed before."""

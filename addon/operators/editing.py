@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,23 +47,25 @@ from ...f4x_core.language.lexicon import PLACES, plural
 from ...f4x_core.language.refusal import Doubt
 from ...f4x_core.progress import Progress
 from ...f4x_core.troubles import EXPECTED
+from ..common.undo import end_step
 from ..common.wording import error_line, panel_words
 from ..edits import display, fields, marking
 from ..jobs.preferences import preferences
 from ..scene import cache, clip_time
 from ..scene.scene_object import EDITS, PREVIEW, TIMED, SceneObject
 from . import point_edits
-from .base import SceneOperator
+from .base import DescribedChoice, SceneOperator
 from .searching import SearchOperator
 
 if TYPE_CHECKING:
     from ...f4x_core.edit.plan import Proposal
     from ...f4x_core.edit.selecting import SelectingSentence
 
+_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
 
-_before: dict[int, str] = {}  # session_uid of a root -> its edits before the undo that is under way
+_typed: dict[int, str] = {}  # session_uid of a root -> its sentence before the undo that is under way
 
 
 def _span(scene_object: SceneObject) -> Span | None:
@@ -309,7 +312,7 @@ class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
         return Name(scene_object.selected_ids, self.called)
 
 
-class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_history(DescribedChoice, SceneOperator, bpy.types.Operator):  # noqa: N801
     """Change the list of edits."""
 
     bl_idname, bl_label = "f4x.history", "Edit History"
@@ -325,11 +328,6 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
         ),
     )
     edit_id: IntProperty(name="Edit")  # type: ignore[valid-type]
-
-    @classmethod
-    def description(cls, context, properties):
-        """The tooltip of each button."""
-        return properties.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, scene_object):
         """Change the stack, and show it."""
@@ -395,6 +393,7 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
     """Show what the sentence would do, without changing the scene. A sentence that selects does so at once."""
 
     bl_idname, bl_label = "f4x.plan", "Plan"
+    bl_options = {"REGISTER"}  # noqa: RUF012 - a preview is no step of undo
     section, title = "EDIT", "Reading the sentence"
 
     sentence: StringProperty(name="Say", options={"SKIP_SAVE"})  # type: ignore[valid-type]
@@ -411,9 +410,8 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
     def work(self, scene_object):
         """Read the sentence as one that selects, or else as one that edits."""
         state = scene_object.state
-        self._ended = state.preview
-        state.sentence, state.instead = self.sentence, ""
-        forget_readings(scene_object)
+        state.sentence = self.sentence
+        drop_plan(scene_object)
         sentence, readings, meters = self.sentence, self.readings, scene_object.meters
         base, scene, asker = scene_object.base, scene_object.edited, scene_object.context
 
@@ -442,9 +440,6 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
         state = scene_object.state
         state.answer = error_line(error)
         state.instead = error.instead if isinstance(error, Doubt) else ""
-        if self._ended:
-            # Blender must know of the points that went with the preview, although this operator ends as cancelled
-            bpy.ops.ed.undo_push(message=self.bl_label)
         return {"CANCELLED"}
 
     def take(self, context, scene_object, found):
@@ -455,6 +450,7 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
             state.called = selecting.words if selecting.mode == "SET" else ""
             line = f"{state.selected:,} of {state.total:,} Gaussians selected."
             state.answer = panel_words(" ".join([line, *selecting.remarks]))
+            end_step("Select")
             return
         proposal = found.proposal
         assert proposal is not None  # it is one or the other
@@ -466,20 +462,21 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
         state.answer = panel_words(" ".join(proposal.notes))
         state.slower = _speed_of_everything(proposal.chosen.operations)
         state.reading_index = proposal.best
-        state.preview = True
+        display.preview(scene_object, True)
 
 
 class F4X_OT_pick_reading(SceneOperator, bpy.types.Operator):  # noqa: N801
     """Preview this interpretation of the sentence."""
 
     bl_idname, bl_label = "f4x.pick_reading", "Pick"
+    bl_options = {"REGISTER"}  # noqa: RUF012
 
     number: IntProperty(name="Number", min=0)  # type: ignore[valid-type]
 
     def act(self, context, scene_object):
         """Choose and preview the reading."""
         scene_object.state.reading_index = self.number
-        scene_object.state.preview = True
+        display.preview(scene_object, True)
 
 
 class F4X_OT_apply_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -497,14 +494,22 @@ class F4X_OT_apply_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Discard the plan and end the preview."""
+    """Discard the plan and end the preview. Ctrl-Z over the viewport does so, too, and undoes nothing else then."""
 
     bl_idname, bl_label = "f4x.drop_plan", "Discard"
+    bl_options = {"REGISTER"}  # noqa: RUF012
+
+    @classmethod
+    def poll(cls, context):
+        """Allowed if something is planned."""
+        if not super().poll(context):
+            return False
+        cls.poll_message_set("Nothing is planned")
+        return context.mode == "OBJECT" and len(SceneObject.of(context.object).state.readings) > 0
 
     def act(self, context, scene_object):
         """Back to the pending edits."""
-        forget_readings(scene_object)
-        display.refresh(scene_object)
+        drop_plan(scene_object)
 
 
 class F4X_OT_slow_clip(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -516,8 +521,7 @@ class F4X_OT_slow_clip(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def act(self, context, scene_object):
         """Set the speed; where the frame range ended with the clip, it does so again."""
-        forget_readings(scene_object)
-        display.refresh(scene_object)
+        drop_plan(scene_object)
         root, timing = scene_object.root, clip_time.timing_of(scene_object.root)
         ends = context.scene.frame_end == round(float(timing.frames_of(root[clip_time.LAST])))
         clip_time.place(root, timing.start, timing.rate * self.speed)
@@ -534,12 +538,19 @@ def _speed_of_everything(operations: tuple[Operation, ...]) -> float:
 
 
 def forget_readings(scene_object: SceneObject) -> None:
-    """Discard the plan and end the preview."""
+    """Discard the plan and end the preview, which the viewport still shows."""
     state = scene_object.state
     state.readings.clear()
     state.answer, state.instead, state.slower = "", "", 0.0
-    if state.preview:
-        state.preview = False
+    scene_object.show_preview(None)
+
+
+def drop_plan(scene_object: SceneObject) -> None:
+    """Discard the plan, and show the pending edits again where its preview was shown."""
+    shown = PREVIEW in scene_object.root
+    forget_readings(scene_object)
+    if shown:
+        display.preview(scene_object, False)
 
 
 @persistent
@@ -560,45 +571,43 @@ def _opened(*_) -> None:
     """Forget plans of the session in which the .blend was saved: its points show the pending edits alone."""
     for scene_object in SceneObject.among(bpy.data.objects):
         if (PREVIEW in scene_object.root or scene_object.state.readings) and not scene_object.is_linked:
-            scene_object.show_preview(None)
             forget_readings(scene_object)
 
 
 @persistent
 def _before_undo(*_) -> None:
-    _before.clear()
-    _before.update({each.root.session_uid: each.root.get(EDITS, "") for each in SceneObject.among(bpy.data.objects)})
+    _typed.clear()
+    _typed.update({each.root.session_uid: each.state.sentence for each in SceneObject.among(bpy.data.objects)})
 
 
 @persistent
 def _undone(*_) -> None:
     """Draw what undo or redo cannot bring back by itself.
 
-    The preview of a plan whose edit was just undone ends: one Ctrl-Z takes both back. What changes over time is drawn anew, for
-    undo brings points back as they were at another frame, and keeps the frame. So are edits that were not shown yet when Blender
-    noted down its step.
+    A plan is part of no step, so it ends; the sentence stays in its field. What changes over time is drawn anew, for undo brings
+    points back as they were at another frame, and keeps the frame. So are edits that were not shown yet when Blender noted down
+    its step, and points that a preview had changed since.
     """
     shown = bpy.context.scene.objects
     for scene_object in [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked]:
         root = scene_object.root
-        edits = root.get(EDITS, "")
-        ended = PREVIEW in root and _before.get(root.session_uid, edits) != edits
-        if ended:
-            scene_object.show_preview(None)
-            scene_object.state.readings.clear()
-        if ended or (root.get(TIMED) and root.name in shown):
+        if PREVIEW in root or scene_object.state.readings:
+            forget_readings(scene_object)
+        scene_object.state.sentence = _typed.get(root.session_uid, scene_object.state.sentence)
+        if root.get(TIMED) and root.name in shown:
             display.redraw(scene_object)
-        if edits:
+        if EDITS in root:
             scene_object.remember()
             if root.name in shown and not display.is_drawn(scene_object):
                 fields.show_after_undo(scene_object)
-    _before.clear()
+    _typed.clear()
 
 
 HANDLERS = {
     "load_post": _opened,
     "save_pre": _save_along,
     "undo_pre": _before_undo,
+    "redo_pre": _before_undo,
     "undo_post": _undone,
     "redo_post": _undone,
 }
@@ -624,3 +633,19 @@ CLASSES = (
     F4X_OT_drop_plan,
     F4X_OT_slow_clip,
 )
+
+
+def register() -> None:
+    """Let Ctrl-Z over viewports discard what is planned; Blender's own Undo gets the key where nothing is."""
+    keys = bpy.context.window_manager.keyconfigs.addon
+    if keys is not None:  # there is none without a window
+        keymap = keys.keymaps.new("3D View Generic", space_type="VIEW_3D")
+        command = {"oskey": True} if sys.platform == "darwin" else {"ctrl": True}
+        _keys.append((keymap, keymap.keymap_items.new("f4x.drop_plan", "Z", "PRESS", **command)))
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    for keymap, item in _keys:
+        keymap.keymap_items.remove(item)
+    _keys.clear()

@@ -24,6 +24,7 @@ from ...f4x_core.edit.change import progress
 from ...f4x_core.edit.operations import MAX_SCALE, Transform
 from ...f4x_core.errors import F4xError
 from ..common.axes import SceneAxes
+from ..common.point_cloud import select_only
 from ..edits import display, fields
 from ..edits.fields import DIGITS
 from ..scene.scene_object import HANDLE_OF, SceneObject
@@ -158,11 +159,8 @@ class F4X_OT_edit_gizmo(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
     def act(self, context, scene_object):
         """Make the edit and its handle active, with the tool that shows all gizmos."""
         handle = add_handle(scene_object, self.edit_id or _edit_of_selection(scene_object))
-        for item in context.selected_objects:
-            item.select_set(False)
         handle.hide_set(False)
-        handle.select_set(True)
-        context.view_layer.objects.active = handle
+        select_only(handle)
         if context.area is not None and context.area.type == "VIEW_3D":
             bpy.ops.wm.tool_set_by_id(name="builtin.transform")
 

@@ -10,7 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...f4x_core.scene.linear import is_refitted
 from ..common.gaussian_attributes import draws_splats
-from ..common.point_cloud import selected_in
+from ..common.point_cloud import select_only
 from ..common.wording import Reporting
 from ..io.clip_background import doubt, show_clip
 from ..io.import_scene import NOTES, import_scene
@@ -97,10 +97,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         )
         if clip is not None:
             _warn_of_clip(self, root)
-        for item in selected_in(context.view_layer):
-            item.select_set(False)
-        root.select_set(True)
-        context.view_layer.objects.active = root
+        select_only(root)
         lines = self._show_set_up(context, root) if takes_over else []
         if not takes_over and (line := left_as_is(context.scene, clip_camera(root))):
             root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)

@@ -26,8 +26,8 @@ from ...f4x_core.scene import Scene
 from ...f4x_core.scene.color import linear_from_srgb
 from ...f4x_core.scene.mesh import MeshConfig, Skin, SplatMesh
 from ..common.geometry_nodes import build_motion_tree
-from ..common.lines import CATEGORY
-from ..common.point_cloud import selected_in, write_attribute
+from ..common.point_cloud import select_only, write_attribute
+from ..common.undo import end_step
 from ..common.wording import Reporting
 from ..jobs import runner
 from ..render.evaluated import OF
@@ -35,7 +35,7 @@ from ..rig.repair import add_pairs
 from ..rig.scaffold import NODES, all_nodes
 from ..scene import cache
 from ..scene.scene_object import SceneObject
-from .base import SceneOperator
+from .base import SceneOperator, Section
 
 TITLE = "Mesh of"
 """Beginning of the titles of jobs that make a mesh."""
@@ -136,10 +136,10 @@ def _start(scene_object: SceneObject, ids: np.ndarray, time: float | None, confi
         if root is None:
             raise F4xError("The scene that the mesh belongs to is no longer there; make it again.")
         item = add_mesh(root, scene, SplatMesh.read(made), len(ids))
-        if active == _active_uid():  # else the person is busy with something else by now
-            _make_active(item)
-        if bpy.ops.ed.undo_push.poll():
-            bpy.ops.ed.undo_push(message="Make Mesh")
+        busy = active != _active_uid() or bpy.context.mode != "OBJECT"  # with something else by now
+        if not busy and item.name in bpy.context.view_layer.objects:
+            select_only(item)
+        end_step("Make Mesh")
 
     task = MeshTask(str(scene_object.path), edits, ids.tolist(), time, asdict(config), str(made))
     runner.start_task(f"{TITLE} {scene_object.name}", task, done)
@@ -149,15 +149,6 @@ def _active_uid() -> int:
     """session_uid of the active object; 0 where there is none."""
     active = bpy.context.view_layer.objects.active
     return 0 if active is None else active.session_uid
-
-
-def _make_active(item: bpy.types.Object) -> None:
-    layer = bpy.context.view_layer
-    if bpy.context.mode == "OBJECT" and item.name in layer.objects:
-        for other in selected_in(layer):
-            other.select_set(False)
-        item.select_set(True)
-        layer.objects.active = item
 
 
 class F4X_OT_collider(Reporting, bpy.types.Operator):  # noqa: N801
@@ -186,17 +177,11 @@ class F4X_OT_collider(Reporting, bpy.types.Operator):  # noqa: N801
         return {"FINISHED"}
 
 
-class F4X_PT_mesh(bpy.types.Panel):  # noqa: N801
+class F4X_PT_mesh(Section, bpy.types.Panel):  # noqa: N801
     """Makes a mesh of a selection, and sets its shadow, holdout and collision."""
 
     bl_label = "Mesh"
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
-
-    @classmethod
-    def poll(cls, context):
-        """Show the panel if there is an imported scene."""
-        return SceneObject.of(context.object) is not None
 
     def draw(self, context):
         """Draw the button, and the switches of the active mesh."""

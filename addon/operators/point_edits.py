@@ -19,9 +19,10 @@ from ...f4x_core.geometry.similarity import Similarity, split_by_motion
 from ...f4x_core.language.lexicon import plural
 from ...f4x_core.scene import DynamicSet, StaticSet
 from ..common.point_cloud import new_point_cloud, read_attribute, write_attribute
+from ..common.undo import leave_mode
 from ..edits import display
 from ..io.import_scene import extras_of, write_bindings, write_gaussians
-from ..scene.scene_object import APART, HIDDEN, SCORE, SELECTED, SceneObject
+from ..scene.scene_object import APART, SceneObject
 from .base import SceneOperator
 
 MAX_MOTIONS = 16
@@ -35,7 +36,7 @@ class PointChanges:
     """Differences of a scene's points from what import wrote."""
 
     deleted: np.ndarray
-    """(n,) ids of Gaussians without a point."""
+    """(n,) ids of Gaussians without a point that no edit removes."""
     moved: tuple[tuple[np.ndarray, Similarity], ...]
     """(ids (m,), how they were moved) of static Gaussians, in groups that move as one."""
     left: np.ndarray
@@ -47,7 +48,7 @@ class PointChanges:
         count = sum(len(ids) for ids, _ in self.moved) + len(self.left)
         parts = [f"{len(self.deleted):,} deleted"] if len(self.deleted) else []
         parts += [f"{count:,} moved"] if count else []
-        return f"Changed in Edit Mode and not yet an edit: {' and '.join(parts)}" if parts else ""
+        return f"Changed by Blender's own tools and not yet an edit: {' and '.join(parts)}" if parts else ""
 
     @property
     def operations(self) -> tuple[Operation, ...]:
@@ -81,7 +82,7 @@ def changes_of(scene_object: SceneObject) -> PointChanges:
         there[row] = True
         differs[row] = (positions != before[row]).any(1)
         after[row] = positions
-    deleted = base.ids[~there]
+    deleted = base.ids[~there & scene_object.pending.there[:own]]
     moved = np.flatnonzero(differs & there & (np.arange(own) < len(base.static)))
     groups, rest = split_by_motion(before[moved], after[moved], MAX_MOTIONS)
     left = np.concatenate([moved[rest], np.flatnonzero(differs & there & (np.arange(own) >= len(base.static)))])
@@ -107,9 +108,7 @@ def put_back(scene_object: SceneObject) -> None:
     A cloud whose points are in several objects by now keeps its missing points missing.
     """
     base = scene_object.base
-    kept = {
-        n: (kind, scene_object.read(n)) for n, kind in ((SELECTED, "BOOLEAN"), (HIDDEN, "BOOLEAN"), (SCORE, "FLOAT"))
-    }
+    kept = scene_object.marks
     for part, extras in zip((base.static, base.dynamic), extras_of(base), strict=True):
         owners = _owners(scene_object, part)
         for cloud in owners:
@@ -172,8 +171,7 @@ class F4X_OT_take_over_points(SceneOperator, bpy.types.Operator):  # noqa: N801 
 
     def act(self, context, scene_object):
         """Append the edits, and put the points back, which the edits now remove and move."""
-        if context.mode != "OBJECT":
-            bpy.ops.object.mode_set(mode="OBJECT")
+        leave_mode()
         found = changes_of(scene_object)
         if not found.operations:
             raise F4xError(self._refusal(found))
@@ -201,10 +199,14 @@ class F4X_OT_put_back_points(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def act(self, context, scene_object):
         """Write the points as import wrote them."""
-        if context.mode != "OBJECT":
-            bpy.ops.object.mode_set(mode="OBJECT")
+        leave_mode()
         put_back(scene_object)
         display.refresh(scene_object)
+        if len(lost := changes_of(scene_object).deleted):
+            raise F4xError(
+                f"The point cloud of {len(lost):,} {plural('Gaussian', len(lost))} is gone; Ctrl-Z brings it back,"
+                " or import the scene again."
+            )
 
 
 @persistent

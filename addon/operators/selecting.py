@@ -31,7 +31,7 @@ from ..edits import display, marking
 from ..jobs.preferences import find_interpreter
 from ..scene import cache
 from ..scene.scene_object import HIDDEN, SELECTED, SceneObject
-from .base import SceneOperator, require_viewport
+from .base import DescribedChoice, SceneOperator, require_viewport
 from .searching import SearchOperator
 from .tasks import look_up
 
@@ -335,7 +335,7 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
         return False
 
 
-class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_change_selection(DescribedChoice, SceneOperator, bpy.types.Operator):  # noqa: N801
     """Change the selection."""
 
     bl_idname, bl_label = "f4x.change_selection", "Change Selection"
@@ -351,11 +351,6 @@ class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
         ),
     )
     reach: FloatProperty(name="Step", description="Distance in world units; 0: the Step of the panel", min=0.0)  # type: ignore[valid-type]
-
-    @classmethod
-    def description(cls, context, properties):
-        """The tooltip of each button."""
-        return properties.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, scene_object):
         """Use the positions of the Gaussians at the current frame."""
@@ -390,10 +385,11 @@ class F4X_OT_select_named(SceneOperator, bpy.types.Operator):  # noqa: N801
             scene_object.state.called = self.called
 
 
-class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_hide(DescribedChoice, SceneOperator, bpy.types.Operator):  # noqa: N801
     """Hide points in the viewport and in renders, without an edit."""
 
     bl_idname, bl_label = "f4x.hide", "Hide"
+    choice = "what"
 
     what: EnumProperty(  # type: ignore[valid-type]
         name="What",
@@ -403,11 +399,6 @@ class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
             ("NOTHING", "Show All", "Show everything that was hidden"),
         ),
     )
-
-    @classmethod
-    def description(cls, context, properties):
-        """The tooltip of each button."""
-        return properties.bl_rna.properties["what"].enum_items[properties.what].description
 
     def act(self, context, scene_object):
         """Hide adds to the hidden points; Isolate replaces them."""

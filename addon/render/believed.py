@@ -141,11 +141,12 @@ def _draw_rings() -> None:
 
 
 def _draw_line() -> None:
-    """Say at the bottom how far aside a viewport looks from, where that is a guess."""
+    """Say at the bottom, above Adjust Last Operation, how far aside a viewport looks from, where that is a guess."""
     context = bpy.context
     scale = context.preferences.system.ui_scale
-    height = MARGIN * scale
     covered = sum(region.width for region in context.area.regions if region.type == "UI")
+    folded = [region for region in context.area.regions if region.type == "HUD" and region.height > 1]
+    height = MARGIN * scale + max((each.y + each.height - context.region.y for each in folded), default=0)
     scenes, to_clip = _scenes(context), context.region_data.perspective_matrix
     for scene_object in scenes:
         line = line_at(scene_object, _eye(context.region_data))

@@ -13,9 +13,11 @@ from bpy.props import BoolProperty, IntProperty, PointerProperty
 from gpu_extras.presets import draw_texture_2d
 
 from ...f4x_core.errors import Cancelled
+from ...f4x_core.native.library import open_library
 from ...f4x_core.query.matte import OBJECTS, refine_passes
 from ...f4x_core.scene import cryptomatte, layers, stage
 from ...f4x_core.scene.exposure import Exposure, Take, combined, shoot
+from ...f4x_core.scene.ground import Look, ground
 from ...f4x_core.scene.passes import Mist
 from ...f4x_core.troubles import EXPECTED
 from ..common.axes import Eye, Stereo, camera_eye, camera_lens, eye
@@ -23,6 +25,7 @@ from ..common.render_settings import ENGINE
 from ..common.wording import refuse
 from ..edits import display
 from . import believed, evaluated, shadows, viewport_gpu
+from .viewport_gpu import ProcessorPicture, SurfaceDepths
 
 _INDEX = ("Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB", "X")
 # channels -> kind of socket
@@ -45,8 +48,9 @@ OWN_SOCKET = "Alpha"
 links when that one comes and goes. The pass is in files all the same."""
 SAMPLES = 16
 """Sharp pictures that a blurred one is made of."""
-COARSE_TO_FINE = (4, 1)
-"""The viewport first shows a picture this many times smaller, then the next."""
+COARSE_TO_FINE, WITHOUT_KERNELS = (2, 1), (4, 1)
+"""The viewport first shows a picture this many times smaller, then the next: with compiled kernels, for which Gaussians count and
+pixels hardly, and with numpy."""
 # Blender's own panels that speak of passes or filters which this engine does not have
 _OTHERS_PANELS = ("VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes")
 
@@ -167,7 +171,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
     def __init__(self, *args, **kwargs):
         """Start without a viewport picture; finished renders never ask for one."""
         super().__init__(*args, **kwargs)
-        self._stage = self._view = self._texture = self._card = self._refused = None
+        self._stage = self._view = self._texture = self._card = self._refused = self._drawn = None
         self._reader, self._step = evaluated.Reader(), 0
 
     def update_render_passes(self, scene, layer):
@@ -302,7 +306,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
 
     def _draw_on_card(self) -> bool:
         """Let the graphics card draw the picture; False where it refuses."""
-        if self._card is None and self._stage is not self._refused:
+        if self._card is None and self._stage is not self._refused and not viewport_gpu.is_software():
             self._card = viewport_gpu.picture()
         if self._card is None:
             return False
@@ -323,13 +327,16 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         return True
 
     def _draw_on_processor(self) -> None:
-        if self._step < len(COARSE_TO_FINE):
-            self._texture = self._view_texture(COARSE_TO_FINE[self._step])
+        steps = WITHOUT_KERNELS if open_library()[0] is None else COARSE_TO_FINE
+        if self._step < len(steps):
+            self._drawn = self._picture(steps[self._step])
+            self._texture = self._drawn.texture
             self._step += 1
-            if self._step < len(COARSE_TO_FINE):
+            if self._step < len(steps):
                 self.tag_redraw()
+        viewport_gpu.shown[bpy.context.region.as_pointer()] = self._drawn
 
-    def _view_texture(self, coarse: int) -> gpu.types.GPUTexture:
+    def _picture(self, coarse: int) -> ProcessorPicture:
         """Return the viewport's picture, `coarse` times smaller."""
         projection, world_to_view, width, height = self._view
         size = (-(-width // coarse), -(-height // coarse))
@@ -339,7 +346,11 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         images = stage.draw(stage.as_seen(clouds, seen.back), surfaces, seen.camera, settings)
         picture = combined(images["rgb"], np.ones_like(images["alpha"]))
         flat = np.ascontiguousarray(picture[::-1], np.float32).ravel()
-        return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
+        texture = gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
+        if not surfaces:
+            return ProcessorPicture(texture)
+        look = Look(seen.camera, seen.near, seen.far, background, settings.mist, samples=1)
+        return ProcessorPicture(texture, SurfaceDepths.of(ground(surfaces, look, ()).limit, seen.camera))
 
 
 def _wanted(layer: bpy.types.ViewLayer) -> list[str]:

@@ -225,9 +225,9 @@ class Reader:
         return _reread(item.data, old, written), written
 
     def _written_by(self, item: bpy.types.Object) -> frozenset[str] | None:
-        """Return the attributes that the modifiers of a point cloud write; None = they may do anything."""
+        """Return the attributes that the modifiers of a point cloud write in viewports; None = they may do anything."""
         written: frozenset[str] | None = frozenset()
-        for modifier in item.original.modifiers:
+        for modifier in [each for each in item.original.modifiers if each.show_viewport]:
             tree = modifier.node_group if modifier.type == "NODES" else None
             uid = tree.session_uid if tree else -1
             if uid not in self._written:

@@ -15,6 +15,7 @@ import gpu
 import numpy as np
 
 from ...f4x_core.errors import F4xError
+from ...f4x_core.geometry.camera import Camera
 from ...f4x_core.scene import splat_shader as glsl
 from ...f4x_core.scene.clouds import Cloud, fitted_config
 from ...f4x_core.scene.depth_order import OrderSettings
@@ -42,9 +43,23 @@ class SurfaceDepths:
     """Depths of the nearest surfaces in a viewport's picture, by which other things can be hidden behind them."""
 
     texture: gpu.types.GPUTexture
-    """One float for each pixel."""
+    """One float for each pixel, or for several of a coarse picture."""
     row: np.ndarray
     """(4,) times a point of the world, homogeneous: its depth."""
+
+    @classmethod
+    def of(cls, limit: np.ndarray, camera: Camera) -> SurfaceDepths:
+        """Return the depths `limit (H,W)` float32 that `camera` sees."""
+        depths = np.ascontiguousarray(limit[::-1, :, None])
+        return cls(_texture(np.minimum(depths, np.float32(FARTHEST))), camera.world_to_camera[2])
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessorPicture:
+    """One viewport's picture that the processor has drawn."""
+
+    texture: gpu.types.GPUTexture
+    surface_depths: SurfaceDepths | None = None
 
 
 class GpuPicture:
@@ -170,8 +185,13 @@ class _Targets:
         self.limit.clear(format="FLOAT", value=(far,))
 
 
-shown: WeakValueDictionary[int, GpuPicture] = WeakValueDictionary()
+shown: WeakValueDictionary[int, GpuPicture | ProcessorPicture] = WeakValueDictionary()
 """Address of the region of a viewport -> the picture that it shows."""
+
+
+def is_software() -> bool:
+    """Return True where a program plays the graphics card: the engine's own kernels draw two to three times as fast."""
+    return gpu.platform.device_type_get() == "SOFTWARE"
 
 
 def picture() -> GpuPicture | None:

@@ -24,6 +24,7 @@ from ...f4x_core.errors import F4xError
 from ...f4x_core.progress import Progress, silent
 from ...f4x_core.query.calibration import prepare
 from ...f4x_core.query.following import draw_views
+from ...f4x_core.query.inventory import words_there
 from ...f4x_core.scene import Scene, read_header, read_scene
 from ...f4x_core.scene.foreign import open_any
 from ...f4x_core.scene.linear import NAMES as LINEAR_ARRAYS
@@ -38,6 +39,8 @@ ADDED = ("/latent", *(f"/{name}" for name in LINEAR_ARRAYS))
 """Ends of the names of arrays that may be added later: features, and the appearance for linear light."""
 LOOK = 0.1
 """Seconds between two looks at a preparation that is waited for."""
+FIRST = 2.0
+"""Seconds after an import in which the window shows the scene before its preparation takes processor time from it."""
 KEPT = 8
 """Number of scenes in the cache, including edited ones, so that switching a preview on and off is fast."""
 
@@ -61,6 +64,7 @@ LINEAR = "linear "
 """Begins the key of what is kept for linear light."""
 _files: dict[str, SceneFile] = {}  # path -> what it held when it was looked at last
 _preparing: dict[int, Event] = {}  # id of a scene's static set -> set when its neighbourhoods are known
+_answers: dict[int, list[str]] = {}  # id of a scene's static set -> words that something in it answers to, most first
 _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
 
@@ -151,8 +155,15 @@ def stack_from(text: str, owner: str) -> EditStack:
         raise F4xError(f"{owner}: its stored edits are not valid JSON ({error}); import the scene again.") from error
 
 
-def prepare_questions(scene: Scene) -> None:
-    """Compute in a thread what the first query needs: superpoints and neighbourhoods (seconds), then the views of the clip."""
+def prepare_soon(scene: Scene) -> None:
+    """Let `_prepare` begin when the window has shown the scene."""
+    bpy.app.timers.register(lambda: _prepare(scene), first_interval=FIRST)
+
+
+def _prepare(scene: Scene) -> None:
+    """Compute in a thread what the first query needs: superpoints, neighbourhoods (seconds), words, then views of the clip."""
+    if id(scene.static) in _preparing:
+        return
     ready = _preparing[id(scene.static)] = Event()
 
     def work() -> None:
@@ -160,20 +171,26 @@ def prepare_questions(scene: Scene) -> None:
             prepare(scene)
         finally:
             ready.set()
+        words, sure = words_there(scene)
+        _answers[id(scene.static)] = words if sure else []
         draw_views(scene)  # a query meanwhile draws what is not there yet
 
     Thread(target=work, daemon=True).start()
 
 
+def answers_of(scene: Scene) -> list[str]:
+    """Return words that something in the scene answers to, most first; none until its preparation has found them."""
+    return _answers.get(id(scene.static), [])
+
+
 def wait_until_prepared(scene: Scene, progress: Progress = silent) -> None:
-    """Wait for the superpoints and neighbourhoods of `prepare_questions`, which begins here at the latest.
+    """Wait for the superpoints and neighbourhoods that `_prepare` computes, which begins here at the latest.
 
     `progress` says so meanwhile, and may stop the waiting; the preparation itself goes on for the next question.
     """
     if bpy.app.background:
         return  # the question itself prepares what it needs
-    if id(scene.static) not in _preparing:
-        prepare_questions(scene)
+    _prepare(scene)
     while not _preparing[id(scene.static)].wait(LOOK):
         progress("prepare", 0, 0, "Preparing the scene once")
 
@@ -183,6 +200,7 @@ def forget() -> None:
     _files.clear()
     _scenes.clear()
     _preparing.clear()
+    _answers.clear()
 
 
 def _hash(data: Mapping) -> str:

@@ -26,7 +26,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..common.animation import copy_keys, curves_of, move_keys, move_strips, write_keys
-from ..common.geometry_nodes import PRESENCE, build_presence_tree
+from ..common.geometry_nodes import PRESENCE
 
 FIRST, LAST, START, RATE, TIME = "f4x_first", "f4x_last", "f4x_start", "f4x_rate", "f4x_time"
 PLACED, LOOKED_UP = "f4x_placed", "f4x_looked_up"
@@ -87,22 +87,6 @@ def set_up(root: bpy.types.Object, first: float, last: float, rate: float = 1.0)
     place(root, first, rate)
 
 
-def adopt(root: bpy.types.Object) -> None:
-    """Give clip time to a root of an older version, which shows clip frame n at frame n of the timeline."""
-    keyed = [curve.range() for curve in _own_curves(root)]
-    set_up(root, min((first for first, _ in keyed), default=0), max((last for _, last in keyed), default=0))
-    for camera in [item for item in _datablocks(root) if isinstance(item, bpy.types.Camera) and item.background_images]:
-        user, curves = camera.background_images[0].image_user, curves_of(camera)
-        offset = curves.find(OFFSET) if curves else None
-        first, step = user.frame_offset + 1, 1
-        if offset is not None:
-            first = round(offset.evaluate(root[FIRST])) + 1
-            step = round(offset.evaluate(root[FIRST] + 1)) + 2 - first
-            curves.remove(offset)
-        drive_background(root, camera, Numbers(first, step, user.frame_duration))
-        user.frame_duration, user.use_cyclic = 1, True
-
-
 def rate_between(clip_fps: float, scene: bpy.types.Scene) -> float:
     """Clip frames per frame of `scene` that play a clip at its own pace; 1 where the rates are nearly the same."""
     rate = clip_fps * scene.render.fps_base / scene.render.fps
@@ -115,7 +99,7 @@ def is_still(root: bpy.types.Object) -> bool:
 
 
 def timing_of(root: bpy.types.Object) -> Timing:
-    """Return the timing of a scene; a .blend of an older version has none, and shows clip frame n at frame n."""
+    """Return the timing of a scene; while it is being imported clip frame n is shown at frame n."""
     return Timing(*(float(root.get(name, default)) for name, default in ((FIRST, 0), (START, 0), (RATE, 1))))
 
 
@@ -262,12 +246,8 @@ def drive_input(
 
 def _drive_presence(root: bpy.types.Object, item: bpy.types.Object) -> None:
     """Let the modifier by which Gaussians come and go follow Time."""
-    modifier = item.modifiers.get(PRESENCE)
-    if modifier is None:
-        return
-    if "Time" not in modifier.node_group.interface.items_tree:  # made by an older version
-        modifier.node_group = build_presence_tree(modifier.node_group.name)
-    drive_input(root, item, PRESENCE, "Time")
+    if PRESENCE in item.modifiers:
+        drive_input(root, item, PRESENCE, "Time")
 
 
 def _follow(root: bpy.types.Object) -> None:
@@ -382,9 +362,6 @@ def _changed(scene: bpy.types.Scene, *_) -> None:
 @persistent
 def _file_loaded(*_) -> None:
     _held.clear()
-    for root in [item for item in bpy.context.scene.objects if "f4x_path" in item and _is_own(item)]:
-        if TIME not in root:
-            adopt(root)
     _changed(bpy.context.scene)
 
 

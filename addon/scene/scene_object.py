@@ -155,7 +155,7 @@ class SceneObject:
             return True
 
     def attach(self) -> None:
-        """Take over the scene file's edits and remember its arrays: after an import, or when a job has written the file."""
+        """Take over the scene file's edits and remember its arrays: after an import, or when the file was written."""
         path = self.path
         file = cache.look_at(path)
         self.root[ARRAYS], self.root[EDITS] = file.gaussians, file.edits
@@ -163,7 +163,7 @@ class SceneObject:
         if PACKED in self.root:
             pack(self.root, path)
         if not bpy.app.background:
-            cache.prepare_questions(self.base)
+            cache.prepare_soon(self.base)
 
     # Edits
 
@@ -249,11 +249,7 @@ class SceneObject:
             raise F4xError(f"{path} is the scene file itself; press Save Edits to Scene, or choose another name.")
         write_scene(with_stack(self.base, self.stack), path)
         self.root[PATH] = str(path)
-        file = cache.look_at(path)
-        self.root[ARRAYS], self.root[EDITS] = file.gaussians, file.edits
-        self._meet(file.edits)
-        if PACKED in self.root:
-            pack(self.root, path)
+        self.attach()
 
     def remember(self) -> None:
         """Put into the .blend, which may be saved at any time, what the file held when the scene last met it."""
@@ -345,6 +341,12 @@ class SceneObject:
             cloud.data.update_tag()
 
     @property
+    def marks(self) -> dict[str, tuple[str, np.ndarray]]:
+        """What a person has marked, as `write` takes it: the selection, scores and what is hidden."""
+        kinds = {SELECTED: "BOOLEAN", SCORE: "FLOAT", HIDDEN: "BOOLEAN"}
+        return {name: (kind, self.read(name)) for name, kind in kinds.items()}
+
+    @property
     def selection(self) -> Selection | None:
         """Selection among the shown Gaussians, with the scene's time span; None where nothing is selected."""
         chosen = self.read(SELECTED)
@@ -415,8 +417,7 @@ class SceneObject:
         """Return the scene file; F4xError unless its Gaussians are those that were imported."""
         path = self.path
         file = cache.look_at(path)
-        known = (file.gaussians, file.arrays)  # the second is in a .blend of an older version
-        if self.root.get(ARRAYS, file.gaussians) not in known:
+        if self.root.get(ARRAYS, file.gaussians) != file.gaussians:
             raise F4xError(f"{path} no longer holds the Gaussians that were imported; import it again.")
         return path
 
@@ -425,8 +426,24 @@ def why_not(item: bpy.types.Object | None) -> str:
     """Return the reason why an operator cannot work on the scene of `item`; empty where it can."""
     found = SceneObject.of(item)
     if found is None:
-        return "Import a Feature4X scene, or select one of its objects"
+        return (why_none(item) or "Import a Feature4X scene, or select one of its objects").rstrip(".")
     return found.why_linked_stays if found.is_linked else ""
+
+
+def why_none(item: bpy.types.Object | None) -> str:
+    """Return sentences on what looks like a scene and is none, where `item` is active; empty where nothing does."""
+    shown = item and item.instance_collection
+    if shown and SceneObject.among(shown.all_objects):
+        return (
+            f"{item.name} is a link to a scene of another .blend. Change it there, or append it in place of the link."
+        )
+    parts = [each for each in bpy.context.scene.objects if each.type == "POINTCLOUD" and "gid" in each.data.attributes]
+    if any(root_of(each) is None for each in parts):
+        return (
+            "A scene has lost its root, the empty with its name. Ctrl-Z brings it back;"
+            " Delete Hierarchy of its collection in the outliner removes the rest."
+        )
+    return ""
 
 
 def forget() -> None:

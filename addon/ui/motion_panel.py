@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...f4x_core.language.lexicon import plural
-from ..common.lines import CATEGORY
+from ..operators.base import Section
 from ..rig.motion_edits import unwritten
 from ..rig.scaffold import HANDLE, layer_of
 from ..scene.clip_time import TIME, is_still
@@ -44,17 +44,15 @@ def draw_nodes(layout: bpy.types.UILayout, context: bpy.types.Context, scene_obj
         column.operator("f4x.write_motion", text=text, icon="FILE_TICK")
 
 
-class F4X_PT_motion(bpy.types.Panel):  # noqa: N801 - Blender wants this form
+class F4X_PT_motion(Section, bpy.types.Panel):  # noqa: N801 - Blender wants this form
     """Time of the clip on the timeline, and tools for its nodes."""
 
     bl_label = "Motion"
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
 
     @classmethod
     def poll(cls, context):
         """Show the panel if there is an imported scene that plays."""
-        found = SceneObject.of(context.object)
-        return found is not None and not is_still(found.root)
+        return super().poll(context) and not is_still(SceneObject.of(context.object).root)
 
     def draw(self, context):
         """Draw time, then nodes."""

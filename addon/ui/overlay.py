@@ -33,7 +33,7 @@ void main()
 FRAGMENT = """
 void main()
 {
-  if (depth > texture(surfaces, gl_FragCoord.xy / vec2(textureSize(surfaces, 0))).r) discard;
+  if (depth > texture(surfaces, gl_FragCoord.xy / region).r) discard;
   shown = color;
 }
 """
@@ -64,6 +64,7 @@ def _draw() -> None:
     shader.uniform_sampler("surfaces", depths.texture)
     shader.uniform_float("color", (*linear_from_srgb(np.array(COLOUR[:3])).tolist(), COLOUR[3]))
     shader.uniform_float("size", SIZE * context.preferences.system.ui_scale)
+    shader.uniform_float("region", (context.region.width, context.region.height))
     for batch, matrix in shown:
         with gpu.matrix.push_pop():
             gpu.matrix.multiply_matrix(matrix)
@@ -75,7 +76,13 @@ def _draw() -> None:
 
 @cache
 def _shader() -> gpu.types.GPUShader:
-    constants = {"ModelViewProjectionMatrix": "MAT4", "color": "VEC4", "depth_row": "VEC4", "size": "FLOAT"}
+    constants = {
+        "ModelViewProjectionMatrix": "MAT4",
+        "color": "VEC4",
+        "depth_row": "VEC4",
+        "size": "FLOAT",
+        "region": "VEC2",
+    }
     info = shader_info(constants, ("surfaces",), {"pos": "VEC3"}, {"shown": "VEC4"})
     info.vertex_out(interface("selection", {"depth": "FLOAT"}))
     info.vertex_source(VERTEX)

@@ -16,12 +16,13 @@ from ..edits.fields import draw_fields
 from ..io.render_setup import clip_camera
 from ..jobs import runner
 from ..operators import baking, cleanup, editing, point_edits
+from ..operators.base import Section
 from ..operators.gestures import TOOLS
 from ..operators.searching import draw_search
 from ..render import viewport
-from ..scene import tints
+from ..scene import cache, tints
 from ..scene.clip_time import is_still
-from ..scene.scene_object import SceneObject
+from ..scene.scene_object import SceneObject, why_none
 
 LEVELS = "▁▂▃▄▅▆▇█"
 """Characters for the bars of the histogram, lowest first."""
@@ -46,17 +47,6 @@ CLOSE_BUTTON = 4
 """Characters that a button beside lines takes."""
 ANSWER_LINES = 1
 """Lines kept free for an answer, so that it moves no button under the mouse."""
-
-
-class _Section:
-    """Base of the panels that need an imported scene."""
-
-    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
-
-    @classmethod
-    def poll(cls, context):
-        """Show the panel if there is an imported scene."""
-        return SceneObject.of(context.object) is not None
 
 
 class F4X_UL_names(bpy.types.UIList):  # noqa: N801 - Blender wants this form
@@ -100,13 +90,13 @@ def _examples(scene_object: SceneObject) -> tuple[str, str]:
     """Return what the empty fields for words and sentences show: something that this scene can find."""
     still = is_still(scene_object.root)
     try:
-        features = scene_object.base.features
+        words = cache.answers_of(scene_object.base)
     except F4xError:  # its file is missing
-        features = None
-    if features is not None and any(head.spec.text_encoder for head in features.heads):
-        return "dog, cat", "make the dog red" if still else "make the dog red from second 2"
-    words = "everything" if still else "what moves"
-    return words, f"make {words} red"
+        words = []
+    if words:
+        return ", ".join(words[:2]), f"make the {words[0]} red{'' if still else ' from second 2'}"
+    word = "everything" if still else "what moves"
+    return word, f"make {word} red"
 
 
 def _touched(context: bpy.types.Context, scene_object: SceneObject) -> str:
@@ -130,7 +120,8 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         scene_object = SceneObject.of(context.object)
         if scene_object is None:
             several = bool(SceneObject.among(context.scene.objects))
-            draw_lines(layout, context, CHOOSE_ONE if several else WITHOUT, "INFO")
+            line = CHOOSE_ONE if several else WITHOUT
+            draw_lines(layout, context, why_none(context.object) or line, "INFO")
             column = layout.column(align=True)
             column.operator("f4x.import_scene", text="Import Scene…", icon="IMPORT")
             column.operator("f4x.fit_clip", text="Fit Video…", icon="FILE_MOVIE")
@@ -161,7 +152,7 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             row.operator("f4x.dismiss_notice", text="", icon="X", emboss=False)
 
 
-class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_ask(Section, bpy.types.Panel):  # noqa: N801
     """Selection by words, a click or a gesture."""
 
     bl_label = "Select"
@@ -198,7 +189,7 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(state, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
 
 
-class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_selection(Section, bpy.types.Panel):  # noqa: N801
     """Tools for the selection."""
 
     bl_label = "Refine"
@@ -239,7 +230,7 @@ class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
             ].name
 
 
-class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_change(Section, bpy.types.Panel):  # noqa: N801
     """A sentence, and buttons, that edit the selection."""
 
     bl_label = "Edit"
@@ -301,14 +292,15 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
                 draw_lines(box, context, reading.description)
         row = box.row(align=True)
         row.operator("f4x.apply_plan", icon="CHECKMARK")
-        row.prop(state, "preview", text="", icon="HIDE_OFF" if state.preview else "HIDE_ON")
+        shown = context.window_manager.f4x
+        row.prop(shown, "preview", text="", icon="HIDE_OFF" if shown.preview else "HIDE_ON")
         row.operator("f4x.drop_plan", text="", icon="X")
         if len(state.readings) == 1:
             again = layout.operator("f4x.plan", text="Other Readings", icon="VIEWZOOM")
             again.readings = editing.READINGS
 
 
-class F4X_PT_place(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_place(Section, bpy.types.Panel):  # noqa: N801
     """Tools that clean a scene, and put it where it belongs."""
 
     bl_label = "Clean and Place"
@@ -333,7 +325,7 @@ class F4X_PT_place(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.scale_length")
 
 
-class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
+class F4X_PT_history(Section, bpy.types.Panel):  # noqa: N801
     """The edit stack, and whether it is saved in the scene file."""
 
     bl_label = "Edits"

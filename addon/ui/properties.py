@@ -22,7 +22,7 @@ from ..edits import display, fields, marking
 from ..operators.submitting import submit
 from ..rig.scaffold import layer_of
 from ..scene import clip_time, tints
-from ..scene.scene_object import TIMED, SceneObject
+from ..scene.scene_object import PREVIEW, TIMED, SceneObject
 
 OFFERED = ("what moves", "what stands still", "everything", "nothing")
 """Words that the field offers besides labels of the scene."""
@@ -59,15 +59,6 @@ def _shown_changed(self, context) -> None:
         self.answer = error_line(error)
 
 
-def _preview_changed(self, context) -> None:
-    try:
-        scene_object = SceneObject(self.id_data)
-        scene_object.show_preview(scene_object.with_reading() if self.preview else None)
-        display.refresh(scene_object)
-    except EXPECTED as error:
-        self.answer = error_line(error)
-
-
 def _typed(name: str, operator: str, needed: str) -> dict[str, Any]:
     """Return getter and setter of a field of the sidebar that shows the property `name` of the active scene.
 
@@ -88,8 +79,22 @@ def _typed(name: str, operator: str, needed: str) -> dict[str, Any]:
     return {"get": get_typed, "set": set_typed}
 
 
+def _is_previewed(self) -> bool:
+    scene_object = SceneObject.of(bpy.context.object)
+    return scene_object is not None and PREVIEW in scene_object.root
+
+
+def _switch_preview(self, on: bool) -> None:
+    scene_object = SceneObject.of(bpy.context.object)
+    if scene_object is not None and not scene_object.is_linked:
+        try:
+            display.preview(scene_object, on)
+        except EXPECTED as error:
+            scene_object.state.answer = error_line(error)
+
+
 class F4X_PG_typed(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
-    """The fields into which a person types, on the window manager: Blender makes a step of undo of every field that is a scene's.
+    """What is no step of undo, on the window manager: Blender makes a step of every field that is a scene's.
 
     What is typed is kept by the scene, and goes with the step of the operator that it starts.
     """
@@ -110,6 +115,9 @@ class F4X_PG_typed(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this 
         name="Say",
         description="What to change or select, such as: make the dog red from second 2; select what moves",
         **_typed("sentence", "plan", needed="sentence"),
+    )
+    preview: BoolProperty(  # type: ignore[valid-type]
+        name="Preview", description="Show what it would look like", get=_is_previewed, set=_switch_preview
     )
 
 
@@ -291,10 +299,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     instead: StringProperty()  # type: ignore[valid-type]  # the sentence that was probably meant, where that is asked
     slower: FloatProperty()  # type: ignore[valid-type]  # speed of a plan that slows everything and so loses its end; else 0
     readings: CollectionProperty(type=F4X_PG_reading)  # type: ignore[valid-type]
-    reading_index: IntProperty(update=_preview_changed)  # type: ignore[valid-type]
-    preview: BoolProperty(  # type: ignore[valid-type]
-        name="Preview", description="Show what it would look like", update=_preview_changed
-    )
+    reading_index: IntProperty()  # type: ignore[valid-type]
 
 
 CLASSES = (*fields.CLASSES, F4X_PG_edit, F4X_PG_name, F4X_PG_reading, F4X_PG_scene, F4X_PG_typed)

@@ -185,7 +185,7 @@ class EditedScene(Scene):
         if time not in kept:
             while len(kept) >= KEPT_MOMENTS:
                 kept.pop(next(iter(kept)), None)
-            posed, presence = self._untinted(time), self.presence(time)
+            posed, presence = self.untinted(time), self.presence(time)
             tint = np.zeros((len(posed), 0), np.float32) if self.tints is None else self.tints.at(time)
             kept[time] = Placement(posed.means, posed.quats, posed.scales, presence, tint)
         return kept[time]

@@ -99,7 +99,7 @@ def footprint(scene: Posable) -> np.ndarray:
     anywhere = np.zeros(seen.shape, np.float32)
     for row, time in enumerate(times):
         camera = base.cameras.at(float(time))
-        pixels, z = camera.project(base.posed(float(time)).means.astype(np.float64))
+        pixels, z = camera.project(base.untinted(float(time)).means.astype(np.float64))
         inside = (z > NEAR) & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(1)
         anywhere[row] = np.maximum(np.abs(z), NEAR) / camera.focal
         seen[row, inside] = anywhere[row, inside]

@@ -142,7 +142,7 @@ def test_blender_draws_the_linear_look_and_our_engine_the_fitted_one(tmp_path):
     scene = different(labelled_scene())
     found = imported(tmp_path, scene)
     linear, fitted = linear_look(scene), fitted_look(scene)
-    for cloud in found.clouds:
+    for cloud in [each for each in found.clouds if len(each.data.points)]:
         rows = rows_of(scene, len(cloud.data.points))
         np.testing.assert_allclose(read_attribute(cloud.data, "scale"), linear.scales[rows], rtol=1e-6)
         base = read_attribute(cloud.data, "radiance:base")

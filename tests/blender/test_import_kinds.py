@@ -50,7 +50,7 @@ def load(name, **options):
 
 for name in ("frame.ply", "frame.splat", "frame.spz", "frame.glb", "renamed.dat"):
     root = load(name)
-    cloud = next(item for item in root.children if item.type == "POINTCLOUD")
+    cloud = next(item for item in root.children if item.type == "POINTCLOUD" and len(item.data.points))
     arrays[name] = values(cloud, "position")
     arrays[name + " in the world"] = arrays[name] @ np.array(cloud.matrix_world)[:3, :3].T
     arrays[name + " scale"] = values(cloud, "scale")
@@ -59,7 +59,7 @@ for name in ("frame.ply", "frame.splat", "frame.spz", "frame.glb", "renamed.dat"
 
 for label, options in (("all", {}), ("step", {"step": 2}), ("alone", {"sequence": False})):
     root = load("walk_0001.ply", **options)
-    clouds = [item for item in root.children if item.type == "POINTCLOUD"]
+    clouds = [item for item in root.children if item.type == "POINTCLOUD" and len(item.data.points)]
     noted[f"sequence {label}"] = [[item.name for item in clouds], scene.frame_start, scene.frame_end]
     for when, start in (("seen", 0), ("later", 10)):
         root.f4x.start_frame = start
@@ -76,7 +76,7 @@ sequence.MAX_BYTES = 3000
 noted["too large"] = load("walk_0001.ply")
 
 root = load("edited.f4x")
-parts = [item for item in root.children if item.type == "POINTCLOUD"]
+parts = [item for item in root.children if item.type == "POINTCLOUD" and len(item.data.points)]
 for frame in range(clip):
     scene.frame_set(frame)
     for name in ("gid", "position", "radiance:base"):

@@ -74,8 +74,9 @@ tell("fit", 3, 12, "step 3")
 tell.tell(result={"scene": "x.f4x"}, text="one\\ntwo")
 """
     job = worker.Job("test", [sys.executable, "-c", code], seen.append)
-    shares = set()
-    job.wait(lambda running: shares.add(running.fraction))
+    shown = []  # what the window draws before the result keeps it busy
+    job.wait(lambda running: shown.append((running.arrived, list(seen))))
+    assert shown[-1] == (True, [])
     assert (job.state, job.result) == (worker.DONE, {"scene": "x.f4x"})
     assert (job.stage, job.done, job.total, job.message, job.fraction) == ("fit", 3, 12, "step 3", 0.25)
     assert seen == [{"scene": "x.f4x"}]

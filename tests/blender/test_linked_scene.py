@@ -68,3 +68,28 @@ def test_a_linked_scene_refuses_in_one_sentence_and_works_once_it_is_local(folde
         for name, said in noted[how].items():
             assert "belongs to another .blend" in said and "Traceback" not in said, (how, name, said)
     assert noted["local"] == 2
+
+
+def test_what_looks_like_a_scene_and_is_none_is_named(folder):
+    script = """
+from feature4x.addon.scene.scene_object import why_none, why_not
+bpy.ops.wm.read_factory_settings(use_empty=True)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+noted["whole"] = why_none(bpy.context.object)
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "lib.blend"))
+bpy.data.objects.remove(root())
+noted["without root"], noted["refused"] = why_none(bpy.context.object), why_not(bpy.context.object)
+bpy.ops.wm.read_factory_settings(use_empty=True)
+noted["empty"], noted["nothing"] = why_none(bpy.context.object), why_not(bpy.context.object)
+with bpy.data.libraries.load(str(folder / "lib.blend"), link=True) as (_, into):
+    into.collections = ["labelled"]
+item = bpy.data.objects.new("link", None)
+item.instance_type, item.instance_collection = "COLLECTION", into.collections[0]
+bpy.context.scene.collection.objects.link(item)
+select(item)
+noted["link"] = why_none(item)
+"""
+    noted, _ = perform(folder, script)
+    assert noted["whole"] == noted["empty"] == "" and noted["nothing"].startswith("Import a Feature4X scene")
+    assert "lost its root" in noted["without root"] and noted["refused"] == noted["without root"].rstrip(".")
+    assert "link is a link to a scene of another .blend" in noted["link"]

@@ -26,18 +26,53 @@ ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
 """
 
 
-def test_a_sentence_is_taken_back_by_one_ctrl_z(folder):
+@pytest.mark.parametrize("sentence", ["make the square red", "move the square up", "copy the square to the left"])
+def test_a_sentence_is_one_step_of_undo_and_its_preview_none(folder, sentence):
+    script = """
+def blocks():
+    kinds = (bpy.data.objects, bpy.data.pointclouds, bpy.data.node_groups, bpy.data.collections)
+    modifiers = [name for cloud in scene_object().clouds for name in cloud.modifiers.keys()]
+    return sorted(block.name for kind in kinds for block in kind) + modifiers
+
+def look():
+    bpy.context.view_layer.update()
+    shown = [values(cloud, "radiance:base") for cloud in scene_object().clouds]
+    return np.concatenate([each.reshape(-1) for each in shown if each is not None])
+
+noted["resizes"] = "resize" in bpy.types.PointCloud.bl_rna.functions
+push("before")
+ops.query_text("EXEC_DEFAULT", True, text="square")
+before, seen = blocks(), look()
+for turn in ("dropped", "applied"):
+    ops.plan("EXEC_DEFAULT", True, sentence=sys.argv[3], readings=1)
+    noted[f"planned, {turn}"] = [len(root().f4x.readings), blocks() == before, np.array_equal(look(), seen)]
+    (ops.drop_plan if turn == "dropped" else ops.apply_plan)("EXEC_DEFAULT", True)
+    noted[turn] = [len(scene_object().stack), blocks() == before, np.array_equal(look(), seen)]
+bpy.ops.ed.undo()
+noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.sentence]
+noted["as before"] = bool(np.array_equal(look(), seen))
+noted["selected"] = int(scene_object().read(".selection").sum())
+bpy.ops.ed.undo()
+noted["undone twice"] = int(scene_object().read(".selection").sum())
+"""
+    noted, _ = perform(folder, START + script, sentence)
+    if noted["resizes"]:  # before Blender 5.1 what is drawn apart is another datablock, of which undo must know
+        assert noted["planned, dropped"] == noted["planned, applied"] == [1, True, False]
+        assert noted["dropped"] == [0, True, True] and noted["applied"] == [1, True, False]
+        assert noted["undone twice"] == 0
+    assert noted["undone"] == [0, 0, False, sentence] and noted["as before"] and noted["selected"] > 0
+
+
+def test_what_a_sentence_selects_is_a_step_of_undo(folder):
     script = """
 push("before")
-ops.plan("EXEC_DEFAULT", True, sentence="make the square red")
-noted["planned"] = len(root().f4x.readings)
-ops.apply_plan("EXEC_DEFAULT", True)
-noted["applied"] = len(scene_object().stack)
+ops.plan("EXEC_DEFAULT", True, sentence="select the square")
+noted["selected"] = int(scene_object().read(".selection").sum())
 bpy.ops.ed.undo()
-noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root()]
+noted["undone"] = int(scene_object().read(".selection").sum())
 """
     noted, _ = perform(folder, START + script)
-    assert noted["planned"] > 0 and noted["applied"] == 1 and noted["undone"] == [0, 0, False]
+    assert noted["selected"] > 0 and noted["undone"] == 0
 
 
 @pytest.mark.parametrize("sentence", ["make the square red", "move the square up", "copy the square to the left"])
@@ -70,7 +105,7 @@ bpy.ops.wm.save_as_mainfile(filepath=str(folder / "plan.blend"))
 arrays["seen saved"] = points()
 noted["planned"] = [root().f4x.uncovered, len(root().f4x.readings)]
 bpy.ops.wm.open_mainfile(filepath=str(folder / "plan.blend"))
-noted["opened"] = [root().f4x.uncovered, len(points()), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.preview]
+noted["opened"] = [root().f4x.uncovered, len(points()), len(root().f4x.readings), "f4x_preview" in root()]
 arrays["opened"] = picture()
 """
     )
@@ -81,7 +116,7 @@ arrays["opened"] = picture()
     np.testing.assert_array_equal(arrays["seen saved"], arrays["seen"])
     uncovered, points = noted["before"]
     assert noted["planned"] == [uncovered, 1]
-    assert noted["opened"] == [uncovered, points, 0, False, False]
+    assert noted["opened"] == [uncovered, points, 0, False]
 
 
 def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):
@@ -225,6 +260,31 @@ with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         noted[str(takes_over)] = view.view_perspective
 """
     assert perform(folder, script)[0] == {"True": "CAMERA", "False": "CAMERA"}
+
+
+def test_set_up_render_takes_the_frames_at_which_the_clip_plays(folder):
+    """One that was moved on the timeline plays where it is; one that plays at its own pace is shown frame by frame again."""
+    script = """
+scene = bpy.context.scene
+def settings():
+    state, frames = root().f4x, [scene.frame_start, scene.frame_end, scene.frame_current]
+    return [*frames, state.start_frame, round(state.speed, 4), scene.render.fps]
+
+root().f4x.start_frame = 10
+ops.set_up_render(); noted["moved"] = settings()
+root().f4x.speed = 0.5
+ops.set_up_render(); noted["slow"] = settings()
+bpy.ops.wm.read_factory_settings(use_empty=True)
+scene = bpy.context.scene
+scene.render.fps = 30
+ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=False); noted["own pace"] = settings()
+noted["notice"] = root().f4x.notice
+ops.set_up_render(); noted["set up"] = settings()
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["moved"] == [10, 15, 10, 10, 1, 24] and noted["slow"] == [10, 20, 10, 10, 0.5, 24]
+    assert noted["own pace"][3:] == [0, 0.8, 30] and "(clip: 0-5)" in noted["notice"]
+    assert noted["set up"] == [0, 5, 0, 0, 1, 24]
 
 
 def test_blender_with_splats_is_told_of_the_refit_once(folder):

@@ -23,7 +23,8 @@ def in_edit_mode(cloud, chosen, work):
     push("edited points")
 
 def clouds():
-    return sorted(scene_object().clouds, key=lambda cloud: ("edited" in cloud.name, "dynamic" in cloud.name))
+    there = [cloud for cloud in scene_object().clouds if len(cloud.data.points)]
+    return sorted(there, key=lambda cloud: ("edited" in cloud.name, "dynamic" in cloud.name))
 
 def shown():
     return sorted(np.concatenate([values(cloud, "gid") for cloud in clouds()]).tolist())
@@ -52,7 +53,9 @@ arrays["posed"] = scene_object().base.posed(0.0).means
     noted, arrays = perform(folder, START + script)
     scene = labelled_scene()
     sizes = [len(scene.static), len(scene.dynamic)]
-    assert noted["before"] == "" and noted["summary"] == "Changed in Edit Mode and not yet an edit: 60 deleted"
+    assert (
+        noted["before"] == "" and noted["summary"] == "Changed by Blender's own tools and not yet an edit: 60 deleted"
+    )
     assert noted["after"] == ["", False, True] and noted["whole"] == sizes
     assert noted["edits"] == ["remove 60 Gaussians"] and noted["restored"] == sum(sizes)
     saved = edited(read_scene(folder / "scene.f4x"))
@@ -87,9 +90,30 @@ shift(clouds()[1], 5, np.float32([1, 0, 0]))
 noted["only moving"] = refused(ops.take_over_points)
 """
     noted, arrays = perform(folder, START + script)
-    assert noted["summary"] == "Changed in Edit Mode and not yet an edit: 55 moved" and noted["after"] == ["", 1]
+    assert noted["summary"] == "Changed by Blender's own tools and not yet an edit: 55 moved" and noted["after"] == [
+        "",
+        1,
+    ]
     expected = labelled_scene().static.means[:50] + np.array([0.1, 0.2, 0.3])
     np.testing.assert_allclose(arrays["posed"], expected, atol=1e-6)
     np.testing.assert_array_equal(arrays["dynamic"], arrays["at import"])
     assert noted["undone"] == [0, noted["summary"]] and noted["put back"] == ""
     assert "No point" in noted["nothing"] and "5 moved points cannot become an edit" in noted["only moving"]
+
+
+def test_a_point_cloud_that_was_deleted_as_a_whole_becomes_one_removal(folder):
+    script = """
+static, dynamic = clouds()
+count = len(static.data.points)
+bpy.data.objects.remove(static)
+noted["summary"] = point_edits.summary(scene_object())
+noted["put back"] = refused(ops.put_back_points)
+ops.take_over_points("EXEC_DEFAULT", True)
+point_edits._found.clear()  # in a window Blender tells of the change
+noted["after"] = [point_edits.summary(scene_object()), len(scene_object().stack), count]
+noted["again"] = refused(ops.take_over_points)
+"""
+    noted, _ = perform(folder, START + script)
+    count = noted["after"][2]
+    assert f"{count:,} deleted" in noted["summary"] and f"{count:,} Gaussians is gone" in noted["put back"]
+    assert noted["after"][:2] == ["", 1] and "No point was deleted" in noted["again"]

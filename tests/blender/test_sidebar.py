@@ -97,6 +97,26 @@ noted["some"] = [state.selected, state.found]
     assert noted["some"] == [SQUARE, ""]
 
 
+def test_empty_fields_show_words_that_the_scene_answers_to(folder):
+    script = """
+import time
+from feature4x.addon.scene import cache
+from feature4x.addon.ui.panel import _examples
+noted["at first"] = _examples(scene_object())
+base = scene_object().base
+cache._prepare(base)  # in a window a timer does
+end = time.monotonic() + 60
+while not cache.answers_of(base) and time.monotonic() < end:
+    time.sleep(0.1)
+noted["prepared"] = _examples(scene_object())
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["at first"] == ["what moves", "make what moves red"]
+    words, sentence = noted["prepared"]
+    assert set(words.split(", ")) <= {"square", "wall"} and words
+    assert sentence == f"make the {words.split(', ')[0]} red from second 2"
+
+
 def test_the_list_of_edits_speaks_of_blenders_axes_and_of_hex_colors(folder):
     script = """
 ops.query_text(text="square")

@@ -38,7 +38,7 @@ look = linear_look(scene) if draws_splats() else fitted_look(scene)
 four = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 kinds = {"position": "FLOAT_VECTOR", "scale": "FLOAT_VECTOR", "rotation": "QUATERNION", "radiance:base": four}
 seen = 0
-for cloud in SceneObject(root).clouds:
+for cloud in [each for each in SceneObject(root).clouds if len(each.data.points)]:
     data = cloud.data
     part = scene.dynamic if "dynamic" in cloud.name else scene.static
     rows = slice(len(scene.static), None) if part is scene.dynamic else slice(0, len(scene.static))

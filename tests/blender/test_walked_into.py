@@ -56,19 +56,43 @@ def test_ctrl_z_after_a_plan_that_copies_does_not_end_blender(folder):
 ops.query_text("EXEC_DEFAULT", True, text="square")
 ops.recolour("EXEC_DEFAULT", True, rgb=(1, 0, 0))
 ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
-noted["planned"] = len(scene_object().clouds)
+noted["planned"], noted["resizes"] = len(scene_object().clouds), "resize" in bpy.types.PointCloud.bl_rna.functions
 bpy.ops.ed.undo(); bpy.context.view_layer.update()
-noted["undone"] = [len(scene_object().stack), len(scene_object().clouds)]
+noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root(), root().f4x.sentence]
+shown = [values(cloud, "gid") for cloud in scene_object().clouds]
+noted["shown"] = sum(len(ids) for ids in shown if ids is not None)
 bpy.ops.ed.redo(); bpy.context.view_layer.update()
-ops.apply_plan("EXEC_DEFAULT", True)
-bpy.ops.ed.undo(); bpy.context.view_layer.update()
-apart = scene_object().clouds[-1]
-noted["applied and undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root()]
-noted["shown"] = int((~read_attribute(apart.data, "f4x_gone")).sum())
+noted["redone"] = [len(scene_object().stack), len(root().f4x.readings)]
 """
     noted, _ = perform(folder, START + script)
-    assert noted["planned"] == 3 and noted["undone"] == [1, 2]
-    assert noted["applied and undone"] == [1, 0, False] and noted["shown"] == 0
+    steps = 0 if noted["resizes"] else 1  # before 5.1 the copy is another datablock, of which undo must know
+    assert noted["planned"] == 3 and noted["shown"] == 1201
+    assert noted["undone"] == [steps, 0, False, "copy the wall to the left"] and noted["redone"] == [1, 0]
+
+
+def test_a_blend_of_an_older_version_gets_what_a_plan_needs_as_a_step_of_its_own(folder):
+    script = """
+for cloud in scene_object().clouds:
+    if "edited" in cloud.name:
+        bpy.data.objects.remove(cloud)
+    elif "Feature4X visible" in cloud.modifiers:
+        cloud.modifiers.remove(cloud.modifiers["Feature4X visible"])
+push("older")
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
+noted["planned"] = [len(scene_object().clouds), "f4x_preview" in root()]
+for step in ("undo", "undo", "redo", "redo"):
+    getattr(bpy.ops.ed, step)(); bpy.context.view_layer.update()
+    noted.setdefault("steps", []).append([len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root()])
+ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
+ops.apply_plan("EXEC_DEFAULT", True)
+bpy.ops.ed.undo(); bpy.context.view_layer.update()
+shown = [values(cloud, "gid") for cloud in scene_object().clouds]
+noted["shown"] = [len(scene_object().stack), sum(len(ids) for ids in shown if ids is not None)]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["planned"] == [3, True] and noted["shown"] == [0, 1201]
+    assert noted["steps"] == 4 * [[0, 0, False]]
 
 
 def test_undo_shows_edits_over_time_as_they_are_at_this_frame(folder):
@@ -146,7 +170,7 @@ push("picked")
 bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
 noted["in"] = bpy.context.mode
 for name in ("before", "after"):
-    for at, cloud in enumerate(scene_object().clouds):
+    for at, cloud in enumerate(scene_object().clouds[:2]):
         arrays[f"{at} {name}"] = read_attribute(cloud.data, ".selection")
     if name == "before":
         ops.change_selection("EXEC_DEFAULT", True, how="ALL")
@@ -291,7 +315,7 @@ ops.import_scene(filepath=str(folder / "scene.f4x"))
 bpy.data.objects["labelled (2)"].parent = bpy.data.objects["labelled"]
 select(bpy.data.objects["labelled"])
 ops.query_text(text="square")
-noted["clouds"] = [len(by_name(name).clouds) for name in ("labelled", "labelled (2)")]
+noted["clouds"] = [sum(len(cloud.data.points) > 0 for cloud in by_name(name).clouds) for name in ("labelled", "labelled (2)")]
 noted["selected"] = [int(by_name(name).read(".selection").sum()) for name in ("labelled", "labelled (2)")]
 """
     noted, _ = perform(folder, START + script)
@@ -306,7 +330,7 @@ select(root(), *root().children_recursive)
 bpy.ops.object.duplicate(linked=True)
 bpy.context.view_layer.update()
 names = ("labelled", "labelled.001")
-noted["shared"] = len({cloud.data.name for name in names for cloud in by_name(name).clouds})
+noted["shared"] = len({cloud.data.name for name in names for cloud in by_name(name).clouds if len(cloud.data.points)})
 select(bpy.data.objects["labelled.001"])
 ops.query_text(text="square")
 noted["selected"] = [int(by_name(name).read(".selection").sum()) for name in names]
