@@ -545,13 +545,6 @@ def _bench_scene(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--features", type=path_argument, metavar="DIR", help="folder of maps for --times (default: beside the scene)"
     )
-    sub.add_argument(
-        "--sam2",
-        nargs="?",
-        const="random",
-        metavar="MODEL",
-        help="SAM 2 without its encoder against the whole; with random weights where no MODEL is given (features)",
-    )
 
 
 def _report(verbs: Verbs) -> None:

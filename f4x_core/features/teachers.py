@@ -88,11 +88,13 @@ TEACHERS = {
             ("efficientnet-lite0", "minilm"),
             ".offline:Conse",
         ),
-        TeacherEntry("sam2", "masks from points, boxes or nothing", ("sam2-tiny",), ".models.sam2:Sam2Teacher"),
+        TeacherEntry(
+            "sam2", "maps for the mask decoder of SAM 2 in other programs", ("sam2-tiny",), ".models.sam2:Sam2Teacher"
+        ),
         *(
             TeacherEntry(
                 f"sam2_{level}",
-                "finer outlines for sam2: a skip connection",
+                "finer maps for the same decoder: a skip connection",
                 ("sam2-tiny",),
                 ".models.sam2:Sam2Teacher",
                 {"head": f"sam2_{level}"},
