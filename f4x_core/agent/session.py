@@ -175,7 +175,7 @@ class Session:
     """Tools that write."""
 
     def __init__(self, folder: SceneFolder, read_only: bool = False, backend: str = "auto"):
-        """`backend` renders. The caller may set `progress` before a call."""
+        """Open a session without scenes; `backend` renders. The caller may set `progress` before a call."""
         self.folder, self.read_only, self.backend = folder, read_only, backend
         self.progress: Progress = silent
         self._scenes: dict[tuple[Path, int, int, int], Scene] = {}
@@ -405,7 +405,7 @@ class Session:
         return found.selection.for_ids(scene.ids)
 
     def _candidate(self, name: str, index: int) -> tuple[Path, Scene, plan.Candidate]:
-        """(path, scene, candidate) of a proposal. Raises F4xError if the scene was edited since: its ids may have changed."""
+        """Return (path, scene, candidate) of a proposal. F4xError if the scene was edited since: its ids may have changed."""
         if name not in self._proposed:
             raise F4xError(f"There is no proposal {name!r}; known: {', '.join(self._proposed) or 'none'}.")
         path, edits, proposal = self._proposed[name]
@@ -463,7 +463,7 @@ def _read_operations(entries: list[dict[str, Any]]) -> tuple[Operation, ...]:
 
 
 def _with_id_counts(value: Any) -> Any:
-    """JSON of an operation, with the number of ids in place of the packed ids."""
+    """Return the JSON of an operation with the number of ids in place of the packed ids."""
     if isinstance(value, dict):
         if value.get("by") == Ids.TAG:
             return {
@@ -493,7 +493,7 @@ def _require_times(cameras: CameraPath, times: Sequence[float]) -> None:
 
 
 def _box_of(inside: np.ndarray, scene: Scene) -> list[float] | None:
-    """Left, top, right, bottom, in pixels of the clip, of the true pixels of `inside (H,W)`; None if there are none."""
+    """Return left, top, right, bottom, in pixels of the clip, of the true pixels of `inside (H,W)`; None if there are none."""
     rows, columns = np.nonzero(inside)
     if not len(rows):
         return None

@@ -58,7 +58,7 @@ def _colours(names: str) -> dict[str, Colour]:
 
 
 def from_hex(digits: str) -> Colour:
-    """sRGB in [0, 1] of three or six hexadecimal digits, to three places: enough for a byte."""
+    """Return sRGB in [0, 1] of three or six hexadecimal digits, to three places: enough for a byte."""
     digits = digits if len(digits) == 6 else "".join(2 * digit for digit in digits)
     red, green, blue = (round(int(digits[i : i + 2], 16) / 255, 3) for i in (0, 2, 4))
     return red, green, blue
@@ -79,7 +79,7 @@ SHADES = {
 
 
 def shaded(shade: str, colour: Colour) -> Colour:
-    """The colour with a word of `SHADES` before it, where CSS has no name for both."""
+    """Return a color as a word of `SHADES` before it changes it, where CSS has no name for both."""
     target = SHADES[shade]
     brightest = max(colour)
     if target < 0:
@@ -90,7 +90,7 @@ def shaded(shade: str, colour: Colour) -> Colour:
 
 
 def name_of(colour: Colour) -> str | None:
-    """A name that means this very colour; the shortest."""
+    """Return the shortest name of exactly this color; None where it has none."""
     names = [name for name, value in COLOURS.items() if value == colour]
     return min(names, key=lambda name: (len(name), name), default=None)
 
@@ -102,7 +102,7 @@ BLACK_VALUE, WHITE_VALUE, GRAY_SATURATION, BROWN_VALUE = 0.2, 0.8, 0.15, 0.6
 
 
 def everyday_name(colour: Colour) -> str:
-    """What people call a colour at a glance: one of eleven words."""
+    """Return one of the eleven basic color words for a color."""
     hue, saturation, value = colorsys.rgb_to_hsv(*(min(max(c, 0.0), 1.0) for c in colour))
     if value < BLACK_VALUE:
         return "black"

@@ -229,8 +229,10 @@ def fill_inverse_depth(
 
 
 def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dict[str, np.ndarray]:
-    """Normal matrix of the smoothness terms, differences of neighbours and of those differences along lines: its entries
-    `(h, w)` of a pixel with itself and with the one or two to the right of it or below; 0 where there is none."""
+    """Return the normal matrix of the smoothness terms: differences of neighbours, and of those differences along lines.
+
+    Its entries `(h, w)` are those of a pixel with itself and with the one or two to its right or below; 0 where there is none.
+    """
     levels = guide.astype(np.float64)
     along, down = (_line_roughness(lines, smooth, flat) for lines in (levels, levels.swapaxes(0, 1)))
     down = down.transpose(0, 2, 1)
@@ -301,7 +303,7 @@ def ground_prior(cameras: CameraPath) -> np.ndarray:
 
 
 def below_horizon(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """(..., 2): sine of the direction of `pixels (..., 2)` below the horizon, 0 above it, and 1, times the length of the ray z = 1.
+    """Return (..., 2): the sine of the direction of `pixels (..., 2)` below the horizon, 0 above it, and 1; times the ray's length.
 
     An inverse depth that is linear in them is that of a ground plane below and of a sphere above. `down (3,)` in the world.
     """
@@ -310,8 +312,7 @@ def below_horizon(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.nd
 
 
 def plain_world(inverse: np.ndarray, precision: np.ndarray, below: np.ndarray, usual: float) -> np.ndarray:
-    """Inverse depth `(h, w)` of a ground plane and a far sphere fitted to samples `inverse (h, w)`: what is not measured looks
-    like that, sky like what is at the horizon.
+    """Fit a ground plane and a far sphere to samples `inverse (h, w)`, and return their inverse depth `(h, w)`.
 
     `below (h, w, 2)` as of `below_horizon`; `usual` is the median inverse depth. `PLAIN_SAMPLES` of the plain world of
     `ground_prior` count with the samples.
@@ -503,7 +504,7 @@ def _add_tracks(
 
 
 def _confidence(filled: np.ndarray, rho: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """0..1 from the relative precision gathered around a pixel, less where the samples disagree with the filled map."""
+    """Return 0..1 from the relative precision gathered around a pixel, less where samples contradict the filled map."""
     relative = precision * filled**2  # 1 / (relative error)^2
     known = ndimage.gaussian_filter(np.minimum(relative, 400.0), 3)
     miss = ndimage.gaussian_filter(np.where(precision > 0, np.minimum(abs(rho / filled - 1), 1), 0), 1.5)

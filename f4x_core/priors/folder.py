@@ -103,7 +103,7 @@ class Priors:
 
     @classmethod
     def empty(cls, clip: Clip) -> Priors:
-        """No priors yet, with the size and supervised frames of `clip`."""
+        """Return a folder without priors, with the size and supervised frames of `clip`."""
         _, height, width, _ = clip.frames.shape
         return cls(width=width, height=height, frames=np.asarray(clip.supervised, np.int64), fps=float(clip.fps))
 
@@ -315,7 +315,7 @@ def read_head(folder: Path) -> dict[str, Any]:
 
 
 def read_field(folder: Path, name: str) -> Any:
-    """One prior from its file, unvalidated."""
+    """Read one prior from its file, unvalidated."""
     path = file_of(folder, name)
     if name == "cameras":
         from ..geometry.camera import CameraPath
@@ -328,7 +328,7 @@ def read_field(folder: Path, name: str) -> Any:
 
 
 def digest(path: Path) -> str:
-    """Hex digest of a file's bytes: tells a user's replacement from a provider's file."""
+    """Return the hex digest of a file's bytes, which differs where a user replaced a provider's file."""
     return _digest_bytes(path.read_bytes())
 
 

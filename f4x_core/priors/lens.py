@@ -55,7 +55,7 @@ class Bend:
         )
 
     def ffmpeg(self, width: int, height: int) -> tuple[float, float]:
-        """k1, k2 of FFmpeg's `lenscorrection`: its pixel at r (1 = half a diagonal) comes from `r (1 + k1 r^2 + k2 r^4)`."""
+        """Return k1, k2 of FFmpeg's `lenscorrection`: its pixel at r (1 = half a diagonal) comes from `r (1 + k1 r^2 + k2 r^4)`."""
         half = float(np.hypot(width, height)) / max(width, height)
         bent = np.linspace(0.05, half, 50)
         straight = bent * (1 + self.bend * bent**2)

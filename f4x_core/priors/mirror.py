@@ -223,7 +223,7 @@ def compare_orientations(
 
 
 def _standard_errors(first: Bundle, second: Bundle, observations: Observations, config: BundleConfig) -> float:
-    """By how many standard errors `first` explains the picture better, its parts taken as independent (Vuong's statistic).
+    """Return by how many standard errors `first` explains the picture better, its parts as independent (Vuong's statistic).
 
     Source: Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses", 1989.
     """
@@ -393,7 +393,7 @@ def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
 
 
 def guess_inverse_distance(directions: np.ndarray, rotations: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
-    """Initial inverse distances `(P,)` where no depth is known: nearer below, for unit `directions (P, 3)`; 1 at the horizon.
+    """Return initial inverse distances `(P,)` without known depth: nearer below, for unit `directions (P, 3)`; 1 at the horizon.
 
     `rotations (F, 3, 3)` world to camera: their mean defines which way is down.
     """

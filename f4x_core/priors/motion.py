@@ -119,7 +119,7 @@ def motion_score(
     progress: Progress,
     people: np.ndarray | None = None,
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    """(F,H,W) float32 in 0..1, how surely each pixel of `pictures (F,H,W,3)` uint8 moves by itself, and the evidence (JSON values).
+    """Return the score (F,H,W) float32 in 0..1 that a pixel of `pictures (F,H,W,3)` uint8 moves by itself, and evidence as JSON.
 
     people: (F,H,W) bool, pixels that show somebody, if known.
 
@@ -389,8 +389,11 @@ def score_of_residuals(residual: np.ndarray, trust: np.ndarray, unit: float) -> 
 
 
 def _evidence(missed: np.ndarray, enough: float) -> np.ndarray:
-    """(F,h,w) in 0..1: whether colours tell a motion of its own, from how many levels more the background's motion misses them by
-    than the flow does, `missed (F,K,h,w)`, NaN = not to be compared; `enough` levels tell it for sure."""
+    """Return (F,h,w) in 0..1: the evidence of colors for a motion of its own.
+
+    `missed (F,K,h,w)`: levels by which the background's motion misses the colors, more than the flow does; NaN = not compared.
+    `enough` levels are certain.
+    """
     known = np.isfinite(missed)
     near = _near(missed, known)
     surest = np.sort(np.where(known, np.clip(near / enough, 0, 1), 0), axis=1)[:, -EVIDENCE_GAPS:].sum(1)
@@ -428,7 +431,7 @@ def _hidden(
 def _without_covered(
     evidence: np.ndarray, missed: np.ndarray, off: np.ndarray, hidden: np.ndarray, enough: float
 ) -> np.ndarray:
-    """(F,h,w) the `evidence (F,h,w)` without the `hidden` comparisons, where the background's motion explains one of the others.
+    """Return `evidence (F,h,w)` without `hidden` comparisons, where the background's motion explains one of the others.
 
     missed, off: (F,K,h,w) levels by which the background's motion misses the colours, more than the flow does and in all; what
     is as enclosed by evidence as `ENCLOSED` samples keeps its own: sides of an animal that look like the wall behind it.
@@ -481,7 +484,7 @@ def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarr
 
 
 def find_threshold(score: np.ndarray) -> float:
-    """Otsu's threshold of a score in 0..1, lifted by `THRESHOLD_LIFT` and kept within `THRESHOLD_RANGE`."""
+    """Return Otsu's threshold of a score in 0..1, raised by `THRESHOLD_LIFT` and kept within `THRESHOLD_RANGE`."""
     count, edges = np.histogram(score, 256, (0, 1))
     fraction, centre = count / max(count.sum(), 1), (edges[1:] + edges[:-1]) / 2
     below, mean = np.cumsum(fraction), np.cumsum(fraction * centre)

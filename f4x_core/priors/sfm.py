@@ -152,7 +152,7 @@ def _in_pieces(whole: TrackSightings, longest: int) -> TrackSightings:
 
 
 def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
-    """Indices `(P,)`, ascending, of at most `max_count` of the points `visible (F, N)`, such that every frame sees some of them.
+    """Return indices `(P,)`, ascending, of at most `max_count` of the points `visible (F, N)`, so that every frame sees some.
 
     They are the q longest seen points of every frame, q as large as fits. The longest of all would leave frames without any
     point where tracks are short, as in a fast pan.
@@ -213,7 +213,7 @@ def solve_rotations(
 def solve_with_tracks(
     tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, focal: float, principal: np.ndarray, seed: int = 0
 ) -> Solution | None:
-    """Own incremental structure from motion on static tracks; None when no pair of frames shows parallax.
+    """Solve structure from motion incrementally on static tracks; None where no pair of frames shows parallax.
 
     The pair with the most parallax gives two cameras (five-point essential matrix); the others follow outwards, each
     resected from the points known so far, with a bundle adjustment whenever a quarter more cameras are in.

@@ -122,7 +122,7 @@ class ObjectFlows:
     """Flows of masked moving objects, free of the background's, and the way back onto the objects."""
 
     def __init__(self, flows: dict[int, np.ndarray], mask: np.ndarray, config: TracksConfig) -> None:
-        """`flows` as of `flow.long_flows`, mask (F,H,W) bool."""
+        """Smooth `flows`, as of `flow.long_flows`, inside `mask` (F,H,W) bool."""
         import cv2
 
         frames, height, width = mask.shape
@@ -374,8 +374,10 @@ def _seen_again(company: _Company, rows: np.ndarray, pictures: np.ndarray, t: in
 def _find_patches(
     picture: np.ndarray, other: np.ndarray, points: np.ndarray, near: np.ndarray, radius: int
 ) -> np.ndarray:
-    """(L,2) where the patches around `points (L,2)` of a picture (H,W) are found in another one, at most `radius` pixels from
-    `near (L,2)`; NaN where nothing there is `MIN_CORRELATION`."""
+    """Return the places (L,2) in `other` of the patches of `picture` (H,W) around `points (L,2)`; NaN where none is found.
+
+    They lie within `radius` pixels of `near (L,2)` and correlate by `MIN_CORRELATION`.
+    """
     import cv2
 
     height, width = picture.shape
@@ -399,7 +401,10 @@ class _Company:
     """Tracks that moved with points before these were lost, and where the points should be as long as some of them are seen."""
 
     def __init__(self, tracks: np.ndarray, visible: np.ndarray, lost: np.ndarray, before: int, end: int) -> None:
-        """tracks (F,N,2), visible (F,N), lost (L,): points last seen in frame `end`, and in frame `before`."""
+        """Find the neighbours that moved like the points `lost (L,)` from frame `before` to `end`, where they were seen last.
+
+        tracks (F,N,2), visible (F,N).
+        """
         from scipy.spatial import cKDTree
 
         self.tracks, self.visible, self.lost, self.end = tracks, visible, lost, end
@@ -417,8 +422,10 @@ class _Company:
         self.like = np.take_along_axis(like & (near != lost[:, None]), order, 1)
 
     def expected(self, begin: int, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """(L,2) where the lost points, or the `rows` of them, should be in frame `begin`: moved like the tracks near them that
-        moved like them so far; with fewer than `MIN_GUIDES` of those a point goes on at its own speed."""
+        """Return the expected places (L,2) of the lost points, or of `rows` of them, in frame `begin`.
+
+        A point moves like the tracks near it that moved like it so far; with fewer than `MIN_GUIDES` of those it keeps its speed.
+        """
         near = self.near[rows]
         guides = self.like[rows] & self.visible[begin, near]
         first = np.argsort(~guides, axis=1, kind="stable")[:, :NEIGHBOURS]
@@ -464,7 +471,7 @@ def best_rank(group: np.ndarray, item: np.ndarray, count: int) -> np.ndarray:
 
 
 def longest_first(visible: np.ndarray) -> np.ndarray:
-    """(N,) int: the points `visible (F,N)` by the number of frames that see them, those of equal numbers from all over the picture.
+    """Return indices (N,) of the points `visible (F,N)` by the number of frames that see them, equals from all over the picture.
 
     Tracks come row by row, and where the camera moves little most are seen in all frames: the first of these are the picture's
     top, a far wall or the sky, which looks the same to a camera that only turns.

@@ -53,7 +53,7 @@ class Trusted:
 
 
 def frame_errors(bundle: Bundle, seen: Observations, count: int, rounds: int = 0) -> np.ndarray:
-    """Median reprojection error in pixels of every frame, `(F,)`, of `count` points triangulated anew; NaN where it sees none.
+    """Return the median reprojection error `(F,)` in pixels of `count` points triangulated anew; NaN where a frame sees none.
 
     In so many further `rounds` sightings that miss their point count less: frames whose cameras are wrong do not move points.
     """

@@ -278,8 +278,10 @@ def _about_what_moves(metrics: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def fair_psnr(row: Mapping[str, Any]) -> float:
-    """PSNR of a frame of the metrics, with its registered camera where it was held out: an interpolated one blames the scene
-    for the hand that shook."""
+    """Return the PSNR of a frame of the metrics, with its registered camera where it was held out.
+
+    The interpolated camera blames the scene for the hand that shook.
+    """
     return float(row.get("psnr_registered", row["psnr"]))
 
 

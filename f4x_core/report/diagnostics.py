@@ -316,7 +316,7 @@ def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iter
 
 
 def frame_scores(metrics: Mapping[str, Any], shared: Iterable[tuple[int, int]] = ()) -> str:
-    """Plot (SVG) of the PSNR of every frame, held-out ones with their registered cameras.
+    """Plot (SVG) the PSNR of every frame, held-out ones with their registered cameras.
 
     `shared` (first frame, end) are frames of two windows, which are shaded.
     """

@@ -140,7 +140,7 @@ def _about_path(priors: Priors, geometry: ClipGeometry) -> Iterator[Finding]:
 
 
 def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
-    """Finding about a camera that stands: its depth is a guess, from what, and how far aside it holds."""
+    """Return the finding about a static camera: the source of its guessed depth, and how far aside it holds."""
     guess = priors.statistics.get("depth", {}).get("guess")
     jitter = priors.statistics.get("cameras", {}).get("standing", {}).get("jitter_px")
     shift = f" (the picture shifts by {jitter:.1f} px)" if jitter is not None else ""

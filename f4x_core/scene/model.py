@@ -71,7 +71,7 @@ WEIGHT_SUM_TOLERANCE = 1e-3
 
 
 def empty_arrays(layout: Mapping[str, tuple[str, tuple]], **lengths: int) -> dict[str, np.ndarray]:
-    """Arrays of `layout` with the given axis lengths (N = 0 by default), for empty sets."""
+    """Return arrays of `layout` with the given axis lengths (N = 0 by default), for empty sets."""
     return {
         name: np.zeros([axis if isinstance(axis, int) else lengths.get(axis, 0) for axis in axes], dtype)
         for name, (dtype, axes) in layout.items()
@@ -382,7 +382,7 @@ class Scene:
         return move_gaussians(table, index, weight, strength, means, quats)
 
     def fitted_focal(self, time: float) -> float | None:
-        """Focal length in pixels of the images that were fitted, at clip time `time` (`RasterConfig.as_fitted`).
+        """Return the focal length in pixels of the fitted images at clip time `time` (`RasterConfig.as_fitted`).
 
         None for a scene that was imported from a splat file: how that was fitted is not known.
         """
