@@ -85,7 +85,7 @@ Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...
 
 
 def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vector, Unit]:
-    """Return (the sum of steps along the camera's axes, its unit); a step without a distance goes the last one's, `far` or default."""
+    """Return (the sum of steps along the camera's axes, its unit); a step without a distance goes the last one's, else `far`."""
     shared = way[-1][2] or far or Distance(default)
     vector, units = [0.0, 0.0, 0.0], set()
     for before, signs, behind in way:

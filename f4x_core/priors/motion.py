@@ -351,34 +351,44 @@ def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, u
     live = trust.any(1)
     r, weight = residual[live].astype(np.float64), trust[live].astype(np.float64)
     scale, x = PARALLAX_PIXELS * unit, (points - points.mean(0)) / np.ptp(points[:, 0])
-    some = np.arange(0, len(points), 3)
-    strong = some[(np.median(length(r[:, some]), axis=0) > 2 * scale) & (weight[:, some] == 1).all(0)]
-    left = length(residual)
+    some, left = np.arange(0, len(points), 3), length(residual)
+    motion = _common_parallax(r[:, some], weight[:, some], x[some], scale, seed)
+    if motion is not None:
+        left[live] = _fit_depths(r, weight, motion[:, None, :2] + motion[:, None, 2:] * x)[1]
+    return left
+
+
+def _fit_depths(r: np.ndarray, weight: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the depths rho (P,) by which `field (K,P,2)` explains the residuals `r (K,P,2)` best, and pixels left (K,P)."""
+    rho = np.einsum("kpc,kpc,kp->p", r, field, weight) / np.maximum(
+        np.einsum("kpc,kpc,kp->p", field, field, weight), 1e-9
+    )
+    return rho, length(r - rho[:, None] * field)
+
+
+def _common_parallax(r: np.ndarray, weight: np.ndarray, x: np.ndarray, scale: float, seed: int) -> np.ndarray | None:
+    """Return (K,3) a_k and b_k of `_off_parallax`, robustly; None where too few residuals `r (K,P,2)` are above `scale` pixels.
+
+    The residuals of one point, of several at random that which explains the most, are where the fit starts.
+    """
+    strong = np.flatnonzero((np.median(length(r), axis=0) > 2 * scale) & (weight == 1).all(0))
     if len(strong) < 8:
-        return left
-
-    def leftover(field: np.ndarray, at: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rho = np.einsum("kpc,kpc,kp->p", r[:, at], field, w) / np.maximum(
-            np.einsum("kpc,kpc,kp->p", field, field, w), 1e-9
-        )
-        return rho, length(r[:, at] - rho[:, None] * field)
-
+        return None
     chosen = np.random.default_rng(seed).choice(strong, min(PARALLAX_HYPOTHESES, len(strong)), replace=False)
-    fits = [leftover(np.repeat(r[:, [i]], len(some), 1), some, weight[:, some])[1] for i in chosen]
-    best = chosen[int(np.argmax([(weight[:, some] / (1 + (fit / scale) ** 2)).sum() for fit in fits]))]
-    motion = np.column_stack([r[:, best], np.zeros(len(r))])  # (K,3): a, b
+    fits = [_fit_depths(r, weight, np.repeat(r[:, [i]], len(x), 1))[1] for i in chosen]
+    best = chosen[int(np.argmax([(weight / (1 + (fit / scale) ** 2)).sum() for fit in fits]))]
+    motion = np.column_stack([r[:, best], np.zeros(len(r))])
     for _ in range(PARALLAX_ITERATIONS):
-        rho, error = leftover(motion[:, None, :2] + motion[:, None, 2:] * x[some], some, weight[:, some])
-        robust = weight[:, some] / (1 + (error / scale) ** 2) ** 2
+        rho, error = _fit_depths(r, weight, motion[:, None, :2] + motion[:, None, 2:] * x)
+        robust = weight / (1 + (error / scale) ** 2) ** 2
+        design = np.zeros((len(x), 2, 3))
+        design[:, 0, 0] = design[:, 1, 1] = rho
+        design[:, :, 2] = rho[:, None] * x
         for k in range(len(r)):
-            design = np.zeros((len(some), 2, 3))
-            design[:, 0, 0] = design[:, 1, 1] = rho
-            design[:, :, 2] = rho[:, None] * x[some]
             weighted = design * robust[k][:, None, None]
             normal = np.einsum("pci,pcj->ij", weighted, design) + 1e-9 * np.eye(3)
-            motion[k] = np.linalg.solve(normal, np.einsum("pci,pc->i", weighted, r[k, some]))
-    left[live] = leftover(motion[:, None, :2] + motion[:, None, 2:] * x, np.arange(len(points)), weight)[1]
-    return left
+            motion[k] = np.linalg.solve(normal, np.einsum("pci,pc->i", weighted, r[k]))
+    return motion
 
 
 def score_of_residuals(residual: np.ndarray, trust: np.ndarray, unit: float) -> np.ndarray:
