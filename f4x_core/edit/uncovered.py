@@ -78,9 +78,7 @@ def uncovered(scene: Scene) -> Uncovered | None:
     """
     folded = {entry.get("op") for entry in scene.provenance.get("baked", ())}
     in_effect = takes_away(edit.operation for edit in of(scene).edits if edit.enabled)
-    if "import" in scene.provenance:  # splats of another program, which no clip shows
-        return None
-    if not in_effect and folded.isdisjoint(kind.TAG for kind in kinds() if kind.UNCOVERS):
+    if scene.is_foreign or (not in_effect and folded.isdisjoint(kind.TAG for kind in kinds() if kind.UNCOVERS)):
         return None
     scene = edited(scene)
     if scene not in _KNOWN:

@@ -67,25 +67,19 @@ def from_hex(digits: str) -> Colour:
 COLOURS = _colours(MORE) | _colours(CSS)
 """Name without spaces -> sRGB in [0, 1]."""
 HALF = 0.5
-"""How far a shade goes to white or black."""
-
-
-SHADES = {
-    shade: target
-    for shades, target in (("light pale soft pastel", 1.0), ("dark deep", 0.0), ("bright vivid neon", -1.0))
-    for shade in shades.split()
-}
-"""Words before a colour: mixed half and half with white or black; -1: as bright as the hue can be."""
+"""Fraction of the way that a shade goes to white or black."""
+LIGHT, DARK, BRIGHT = ("light", "pale", "soft", "pastel"), ("dark", "deep"), ("bright", "vivid", "neon")
+SHADES = (*LIGHT, *DARK, *BRIGHT)
+"""Words before a color: mixed with white, mixed with black, as bright as the hue can be."""
 
 
 def shaded(shade: str, colour: Colour) -> Colour:
     """Return a color as a word of `SHADES` before it changes it, where CSS has no name for both."""
-    target = SHADES[shade]
-    brightest = max(colour)
-    if target < 0:
-        red, green, blue = (round(c / brightest, 3) if brightest else c for c in colour)
+    if shade in BRIGHT:
+        brightest = max(colour) or 1.0
+        red, green, blue = (round(c / brightest, 3) for c in colour)
     else:
-        red, green, blue = (round(c + HALF * (target - c), 3) for c in colour)
+        red, green, blue = (round(c + HALF * ((shade in LIGHT) - c), 3) for c in colour)
     return red, green, blue
 
 

@@ -105,7 +105,7 @@ def write_diagnostics(
         clip: the clip that was fitted.
         result: what the fit left.
         metrics: the result of `evaluation.evaluate.evaluate`: its means, and rows of single frames under `frames`.
-        pictures: the scene's worst frames and its views aside.
+        images: the scene's worst frames and its views aside.
 
     Raises:
         F4xError: the file cannot be written.
@@ -119,10 +119,7 @@ def write_diagnostics(
         ("Why the scene is as it is, and what you can supply", finding_boxes(found)),
         ("Geometry", geometry_section(result, ClipGeometry.of(priors, scaffold), images.moments)),
         ("Scores", _scores(metrics) + page.plots([frame_scores(metrics), _quality_curve(result.history)])),
-        (
-            "What the clip needed",
-            needs_table(result.scene.needs),
-        ),
+        ("What the clip needed", needs_table(result.scene.needs)),
         ("Worst frames: input, render, error", _worst(clip, metrics, images.worst)),
         ("What moves: score and mask", _motion(clip, priors, shown)),
         ("Tracks", page.plots([_survival(priors)])),

@@ -386,7 +386,12 @@ class Scene:
 
         None for a scene that was imported from a splat file: how that was fitted is not known.
         """
-        return None if "import" in self.provenance else self.cameras.at(time).focal
+        return None if self.is_foreign else self.cameras.at(time).focal
+
+    @property
+    def is_foreign(self) -> bool:
+        """True for splats of another program, which no clip shows."""
+        return "import" in self.provenance
 
     def latents(self) -> np.ndarray:
         """Return (N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""
