@@ -21,13 +21,13 @@ from ..native.library import open_library
 from ..native.maps import F4X_SMOOTH_MAP, SMOOTHING
 from ..parallel import in_threads
 from ..progress import Progress
-from .camera_problem import static_tracks
 from .config import PriorsConfig
 from .contact import GUESS_CONFIDENCE, MOVING_MARGIN
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import place_objects
 from .moving_people import dilate_masks, shows_people
 from .outline import refine_mask
+from .point_tracks import PointTracks
 from .points import TRACK_OUTLIER_PX, fit_points
 from .second_look import JOINED_MOTION, mask_is_given, revise_mask
 from .standing_world import guess_world, slope
@@ -464,13 +464,12 @@ def track_samples(priors: Priors) -> list[TrackSamples]:
     """Return the static tracks of every frame as samples of its inverse depth."""
     assert priors.cameras is not None
     cameras = priors.cameras
-    tracks, visible, static = static_tracks(priors)
+    tracks = PointTracks.of(priors)
     frames, nothing = len(cameras), TrackSamples(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-    seen = visible & static
-    seen &= seen.sum(0) >= 3
+    seen = tracks.seen & (tracks.seen.sum(0) >= 3)
     if not seen.any():
         return [nothing] * frames
-    fitted = fit_points(cameras, tracks, seen)
+    fitted = fit_points(cameras, tracks.uv, seen)
     frame, point, z = fitted.frame, fitted.point, fitted.z
     good = fitted.rms < TRACK_OUTLIER_PX
     # Angular noise over the spread of the rays is the relative error of the distance.
@@ -481,7 +480,7 @@ def track_samples(priors: Priors) -> list[TrackSamples]:
         chosen = (frame == i) & good[point]
         inverse = 1 / z[chosen]
         precision: np.ndarray = 1 / (relative[point[chosen]] * inverse) ** 2
-        samples.append(TrackSamples(tracks[i, point[chosen]].astype(np.float64), inverse, precision))
+        samples.append(TrackSamples(tracks.uv[i, point[chosen]].astype(np.float64), inverse, precision))
     return samples
 
 

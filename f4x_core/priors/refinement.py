@@ -24,6 +24,7 @@ from .contact import MOVING_MARGIN
 from .flow import long_flows
 from .mirror import decide
 from .moving_people import dilate_masks
+from .point_tracks import PointTracks
 from .rematch import match_anew
 from .sfm import Solution, TrackSightings, best_focal, choose_covering_points, refocused, sightings, with_points_ahead
 from .short_tracks import Neighbourhood, sharpened
@@ -60,9 +61,7 @@ def refined(job: CameraProblem, start: Attempt) -> Attempt:
 
 def complete(
     solution: Solution,
-    tracks: np.ndarray,
-    visible: np.ndarray,
-    static: np.ndarray,
+    tracks: PointTracks,
     times: np.ndarray,
     lens: BundleConfig | None = None,
 ) -> Solution:
@@ -73,7 +72,7 @@ def complete(
     """
     lens = lens or BundleConfig(refine_focal=False)
     longest = TRACK_FRAMES if len(tracks) > USUAL_FRAMES else None
-    some = sightings(tracks, visible, static, ADJUSTED_TRACKS, longest)
+    some = sightings(tracks, ADJUSTED_TRACKS, longest)
     bundle, own = solution.bundle, _limited_observations(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)
     registered = solution.registered.copy()
@@ -90,7 +89,7 @@ def complete(
     bundle = _triangulated(bundle, observations, registered, offset)
     found = Solution(bundle, observations, registered).without_outliers()
     found = replace(found, bundle=adjust(found.bundle, found.observations, replace(lens, iterations=10)))
-    every = sightings(tracks, visible, static, tracks.shape[1], longest)
+    every = sightings(tracks, tracks.uv.shape[1], longest)
     return _settled(found.without_outliers(), every, some.seen, lens)
 
 
@@ -129,12 +128,12 @@ def _completed(job: CameraProblem, start: Attempt) -> Attempt:
     """
 
     def completed(one: Solution) -> Solution:
-        return complete(one, job.tracks, job.visible, job.static, job.times, job.lens)
+        return complete(one, job.tracks, job.times, job.lens)
 
     if start.solution.rival is None:
         return replace(start, solution=completed(start.solution))
     found = in_threads(completed, (start.solution, start.solution.rival))
-    sighted = sightings(job.tracks, job.visible, job.static, ADJUSTED_TRACKS)
+    sighted = sightings(job.tracks, ADJUSTED_TRACKS)
     seen = sighted.seen
 
     def on_the_same_tracks(one: Solution) -> Bundle:
@@ -155,9 +154,7 @@ def _trusted(job: CameraProblem, start: Attempt) -> Attempt:
     It notes `registered`, the number of frames that their cameras meet, and `grown`.
     """
     longest = TRACK_FRAMES if len(job.tracks) > USUAL_FRAMES else None
-    pieces, whole = (
-        sightings(job.tracks, job.visible, job.static, job.tracks.shape[1], most) for most in (longest, None)
-    )
+    pieces, whole = (sightings(job.tracks, job.tracks.uv.shape[1], most) for most in (longest, None))
     found = grow_trusted(start.solution, pieces, whole, job.lens)
     noted = start.noting(registered=int(found.solution.registered.sum()))
     return replace(noted.noting(grown=True) if found.grown else noted, solution=found.solution)
@@ -200,7 +197,7 @@ def _sharpened(job: CameraProblem, start: Attempt) -> Attempt:
     if start.in_doubt or priors.flow_forward is None or len(job.tracks) < MIN_SEEN:
         return start
     blocked = np.zeros(job.pictures.shape, bool)
-    if priors.mask is not None and not job.static.all():
+    if priors.mask is not None and not job.tracks.static.all():
         blocked = dilate_masks(priors.mask, MOVING_MARGIN)
     if job.clip.hidden is not None:
         blocked = blocked | job.clip.hidden[priors.frames]
