@@ -50,7 +50,7 @@ def untaught_words(scene: Scene, words: Sequence[str] = SURFACES + SOMEBODY) -> 
 
 
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:
-    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given; by all if none of them moves.
+    """Return (N,) float64: 1 for the Gaussians of shadows and the like, with `by (N,)` bool of those that these cast.
 
     Gaussians of things are none of it, though they look much like the background: sills and wheels above a car's shadow.
     """
@@ -66,7 +66,7 @@ def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = S
 
 
 def without_shadow(scene: Scene, scores: np.ndarray, config: SelectConfig = SELECT) -> np.ndarray:
-    """`scores (N,)` of a thing, 0 for what is cast on the background and looks like it; unless most of the thing is cast."""
+    """Return `scores (N,)` of a thing, 0 for what is cast on the background and looks like it; unless most of the thing is cast."""
     if not scores[scene.moving].any():
         return scores
     superpoints = graph_of(scene, config).moving
@@ -80,5 +80,5 @@ def without_shadow(scene: Scene, scores: np.ndarray, config: SelectConfig = SELE
 
 
 def moving_things(scene: Scene) -> np.ndarray:
-    """(N,) bool: what moves without what is cast."""
+    """Return the moving Gaussians (N,) bool that are not cast."""
     return scene.moving & (cast_of(scene) == 0)
