@@ -323,7 +323,7 @@ def coded(sentence: str, code: str) -> str:
 
 
 def explain(code: str) -> str:
-    """Cause and cure of a code, as `f4x doctor CODE` prints them.
+    """Return cause and cure of a code, as `f4x doctor CODE` prints them.
 
     Raises:
         F4xError: there is no such code.

@@ -11,7 +11,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..language.grammar import read_as_meant
 from ..language.refusal import Doubt, Refusal
-from ..query.cast import untaught_words
+from ..query.cast import with_untaught
 from ..query.chat import ChatServer
 from ..query.engines import BARE, Engines
 from ..query.inventory import words_there
@@ -155,8 +155,7 @@ def read_sentence(
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
     chosen = None if context.selection is None else context.selection.for_ids(scene.ids).chosen
     sentence, people = in_ordinals(scene, sentence, "sentence", scene.cameras.frame_at(context.frame), chosen, names)
-    labels = [*labels_of(scene), *people]
-    labels += untaught_words(scene) if labels else []  # where no word is known, any may be a name
+    labels = with_untaught(scene, [*labels_of(scene), *people])
     request = Request(sentence, labels, names, scene.fps, len(scene.cameras), chosen is not None, context.frame)
     notes: tuple[str, ...] = ()
     if server is not None:

@@ -6,6 +6,7 @@ No teacher of words knows them; the graph of a scene tells them by how little th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -32,10 +33,22 @@ def shaped_scores(scene: Scene, label: str) -> Callable[[Scene], np.ndarray] | N
     return next((scores for means, scores in SHAPED if means(scene, label)), None)
 
 
+Source = Literal["cast", "people", "shape", "teacher"]
+"""What knows the Gaussians of a label: what is cast, the people of the scene, `SHAPED`, or the teacher of its vocabulary."""
+
+
+def source_of(scene: Scene, label: str) -> Source:
+    """Return what knows the Gaussians that `label` means."""
+    if is_cast(label):
+        return "cast"
+    if is_of_people(scene, label):
+        return "people"
+    return "teacher" if shaped_scores(scene, label) is None else "shape"
+
+
 def needs_no_teacher(scene: Scene, label: str) -> bool:
-    """Return True if the scene itself tells what `label` means, and no vocabulary has to know it: what is cast, the ground,
-    the sky, floaters, known people."""
-    return is_cast(label) or is_of_people(scene, label) or shaped_scores(scene, label) is not None
+    """Return True if the scene itself knows what `label` means, and no vocabulary has to."""
+    return source_of(scene, label) != "teacher"
 
 
 SURFACES = (GROUND, SKY)
@@ -44,9 +57,9 @@ SOMEBODY = ("man", "woman", "boy", "girl", "child", "guy", "dancer")
 """Words for the people whom a fit found."""
 
 
-def untaught_words(scene: Scene, words: Sequence[str] = SURFACES + SOMEBODY) -> list[str]:
-    """Return those of some words that a scene itself tells."""
-    return [word for word in words if needs_no_teacher(scene, word)]
+def with_untaught(scene: Scene, labels: Sequence[str], words: Sequence[str] = SURFACES + SOMEBODY) -> list[str]:
+    """Return `labels` and those of `words` that need no teacher; none where there are no labels, as any word may be a name then."""
+    return [*labels, *(word for word in words if labels and needs_no_teacher(scene, word))]
 
 
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:

@@ -20,7 +20,7 @@ from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
 from ..scene import Scene
 from ..scene.people import single_people
 from ..scene.view import render
-from .cast import moving_things, untaught_words
+from .cast import moving_things, with_untaught
 from .chat import ChatServer, image_part
 from .connected_objects import SIDEWAYS, pick_object, separate_objects, way_across, width_along
 from .engines import BARE, Engines
@@ -138,8 +138,7 @@ def answer(
         known[it] = known[it].for_ids(scene.ids)
     evidence: list[dict[str, Any]] = []
     question, people = in_ordinals(scene, question, "question", selected=known[it].chosen if it else None, names=known)
-    labels = [*labels_of(scene), *people, *known]
-    labels += untaught_words(scene) if labels else []
+    labels = with_untaught(scene, [*labels_of(scene), *people, *known])
     understood, mended = read_as_meant(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
     )
