@@ -62,10 +62,7 @@ TROUBLES = (
         "F4X-PRIORS",
         "Depth, flow, masks or tracks that were supplied have another size, number or kind than the clip.",
         "Compare shape and dtype with the table in docs/architecture.md; remove the folder priors/ to have them made anew.",
-        (
-            "f4x_core.people",
-            "f4x_core.priors",
-        ),
+        ("f4x_core.people", "f4x_core.priors"),
     ),
     Trouble(
         "F4X-TRACKING",

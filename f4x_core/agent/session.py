@@ -194,12 +194,7 @@ class Session:
         named = [name for edit in of(opened).edits if (name := getattr(edit.operation, "name", ""))]
         return ToolResult(
             {"scenes": listed, "scene": self.folder.name(path)} | {name: info[name] for name in counts if name in info},
-            {
-                "name": opened.name,
-                "labels": known_words(opened),
-                "heads": [*info["heads"]],
-                "named": named,
-            },
+            {"name": opened.name, "labels": known_words(opened), "heads": [*info["heads"]], "named": named},
         )
 
     def render_view(
@@ -311,12 +306,7 @@ class Session:
         data = {"proposal": name, "best": proposal.best, "candidates": rows, "understood_by": proposal.understood_by}
         return ToolResult(data | {"judged_by": proposal.judged_by, "notes": list(proposal.notes)})
 
-    def preview(
-        self,
-        proposal: ProposalName,
-        candidate: Which = -1,
-        viewpoint: Viewpoint = Viewpoint(),
-    ) -> ToolResult:
+    def preview(self, proposal: ProposalName, candidate: Which = -1, viewpoint: Viewpoint = Viewpoint()) -> ToolResult:
         """Draw the scene before and after a candidate. Writes nothing."""
         path, opened, chosen = self._candidate(proposal, candidate)
         view = self._view(opened, Look(**vars(viewpoint)))
@@ -421,11 +411,7 @@ class Session:
         shown = plan.preview(scene, candidate)
         chosen, new = sizes(shown), of(shown).edits[len(of(scene)) :]
         does = [
-            {
-                "does": line,
-                "gaussians": sum(chosen.get(edit.id, ())),
-                **_with_id_counts(edit.operation.to_json()),
-            }
+            {"does": line, "gaussians": sum(chosen.get(edit.id, ())), **_with_id_counts(edit.operation.to_json())}
             for edit, line in zip(new, plan_lines(scene, [edit.operation for edit in new]), strict=True)
         ]
         shows = str(uncovered(shown) or "") if takes_away(candidate.operations) else ""

@@ -62,10 +62,7 @@ class RayEngine:
     def start(self, task: Task) -> None:
         """See `Engine.start`."""
         remote = self.remote.options(
-            num_cpus=task.threads,
-            memory=task.memory,
-            max_retries=RETRIES,
-            name=f"{task.row} {task.stage}",
+            num_cpus=task.threads, memory=task.memory, max_retries=RETRIES, name=f"{task.row} {task.stage}"
         )
         self.running[remote.remote(task, self.settings)] = task
 

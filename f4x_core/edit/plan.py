@@ -81,12 +81,7 @@ class Proposal:
 
 
 def propose(
-    scene: Scene,
-    sentence: str,
-    context: EditorState | None = None,
-    engines: Engines = BARE,
-    *,
-    candidates: int = 1,
+    scene: Scene, sentence: str, context: EditorState | None = None, engines: Engines = BARE, *, candidates: int = 1
 ) -> Proposal:
     """Resolve `sentence` in `scene` with its present edits into up to `candidates` variants, of which the judge chooses.
 

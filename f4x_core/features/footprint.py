@@ -21,12 +21,7 @@ MIN_SUM = 0.01
 
 
 def cell_weights(
-    splats: Splats,
-    camera: Camera,
-    grid: tuple[int, int],
-    *,
-    config: RasterConfig | None = None,
-    backend: str = "auto",
+    splats: Splats, camera: Camera, grid: tuple[int, int], *, config: RasterConfig | None = None, backend: str = "auto"
 ) -> sparse.csr_matrix:
     """Return (h*w, N) float32: blend weights of each Gaussian, summed over the pixels of `camera` in each cell of `grid` (h, w).
 

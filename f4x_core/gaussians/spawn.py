@@ -313,12 +313,7 @@ def learnt_before(splats: Splats, reach: Tensor, first_id: int) -> StaticGaussia
 
 
 def spawn_dynamic(
-    spawned: Spawned,
-    reference: np.ndarray,
-    scaffold: Scaffold,
-    degree: int,
-    config: SpawnConfig,
-    first_id: int = 0,
+    spawned: Spawned, reference: np.ndarray, scaffold: Scaffold, degree: int, config: SpawnConfig, first_id: int = 0
 ) -> DynamicGaussians:
     """Return dynamic Gaussians, each attached to the node nearest at its reference frame.
 

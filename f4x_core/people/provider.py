@@ -97,10 +97,7 @@ def write_people(people: list[Person], priors: Priors) -> None:
         who, probability = given, (given > 0).astype(np.float16)
     priors.people, priors.people_probability = who, probability
     priors.people_joints, priors.people_metres = joints, metres
-    priors.statistics["people"] = {
-        "count": len(people),
-        "frames": [len(person.poses) for person in people],
-    }
+    priors.statistics["people"] = {"count": len(people), "frames": [len(person.poses) for person in people]}
 
 
 def _numbered_as(given: np.ndarray, people: list[Person]) -> list[Person]:

@@ -329,12 +329,7 @@ def plain_world(inverse: np.ndarray, precision: np.ndarray, below: np.ndarray, u
 
 
 def _static_depth(
-    clip: Clip,
-    priors: Priors,
-    config: PriorsConfig,
-    moving: np.ndarray,
-    progress: Progress,
-    statistics: dict[str, Any],
+    clip: Clip, priors: Priors, config: PriorsConfig, moving: np.ndarray, progress: Progress, statistics: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the inverse depth and confidence `(F, H, W)` of the static world, also where it is hidden or not seen."""
     import cv2
@@ -485,11 +480,7 @@ def track_samples(priors: Priors) -> list[TrackSamples]:
 
 
 def _add_tracks(
-    rho: np.ndarray,
-    precision: np.ndarray,
-    samples: TrackSamples,
-    blocked: np.ndarray,
-    held: np.ndarray,
+    rho: np.ndarray, precision: np.ndarray, samples: TrackSamples, blocked: np.ndarray, held: np.ndarray
 ) -> None:
     """Merge track samples into the grid in place, weighted by precision and by how well the picture holds them, `held (h, w)`."""
     x, y = np.clip(samples.uv.astype(int), 0, np.array(blocked.shape[::-1]) - 1).T

@@ -8,16 +8,7 @@ import numpy as np
 
 from ..parallel import in_threads
 from ..progress import silent
-from .bundle import (
-    MIN_SEEN,
-    Bundle,
-    BundleConfig,
-    Observations,
-    adjust,
-    resect,
-    total_cost,
-    triangulate,
-)
+from .bundle import MIN_SEEN, Bundle, BundleConfig, Observations, adjust, resect, total_cost, triangulate
 from .camera_problem import Attempt, CameraProblem, rounded
 from .config import USUAL_FRAMES
 from .contact import MOVING_MARGIN
@@ -59,12 +50,7 @@ def refined(job: CameraProblem, start: Attempt) -> Attempt:
     return found
 
 
-def complete(
-    solution: Solution,
-    tracks: PointTracks,
-    times: np.ndarray,
-    lens: BundleConfig | None = None,
-) -> Solution:
+def complete(solution: Solution, tracks: PointTracks, times: np.ndarray, lens: BundleConfig | None = None) -> Solution:
     """Return all frames registered and adjusted together on the solution's own observations and the static tracks.
 
     Missing frames start from the interpolated path, the ones next to a known camera first, and are resected. `lens`: whether
@@ -93,12 +79,7 @@ def complete(
     return _settled(found.without_outliers(), every, some.seen, lens)
 
 
-def _settled(
-    solution: Solution,
-    every: TrackSightings,
-    some: Observations,
-    lens: BundleConfig,
-) -> Solution:
+def _settled(solution: Solution, every: TrackSightings, some: Observations, lens: BundleConfig) -> Solution:
     """Return the solution, adjusted anew on `some` of `every` sighting of static tracks while a frame is left that misses its own.
 
     In a long sweep what a far frame misses is the first to be dropped as an outlier, and nothing draws that frame back.

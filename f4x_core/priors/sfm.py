@@ -345,10 +345,7 @@ def solve_with_colmap(
 
 
 def search_focal(
-    solution: Solution,
-    width: int,
-    candidates: Sequence[float],
-    expected: float = DEFAULT_FOCAL,
+    solution: Solution, width: int, candidates: Sequence[float], expected: float = DEFAULT_FOCAL
 ) -> tuple[Solution, dict[str, list[float]]]:
     """Return a sample of a turning camera adjusted at the focal length its observations prefer, and the curve of errors.
 
@@ -432,12 +429,7 @@ def refocused(solution: Solution, focal: float, translating: bool = True) -> Sol
     return replace(solution, bundle=replace(bundle, points=np.where(np.isfinite(points), points, bundle.points)))
 
 
-def adjust_known(
-    bundle: Bundle,
-    observations: Observations,
-    registered: np.ndarray,
-    config: BundleConfig,
-) -> Bundle:
+def adjust_known(bundle: Bundle, observations: Observations, registered: np.ndarray, config: BundleConfig) -> Bundle:
     """Run `bundle.adjust` on the registered frames and finite points alone; the others stay unchanged."""
     frames, points = np.flatnonzero(registered), np.flatnonzero(np.isfinite(bundle.points).all(1))
     seen = observations.keep(registered[observations.frame] & np.isin(observations.point, points))

@@ -305,11 +305,7 @@ def _join_links(
 
 
 def continue_lost(
-    tracks: np.ndarray,
-    visible: np.ndarray,
-    pictures: np.ndarray,
-    longest_gap: int,
-    progress: Progress = silent,
+    tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray, longest_gap: int, progress: Progress = silent
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Continue tracks that end inside the picture where their points are seen again, within `longest_gap` frames.
 

@@ -67,12 +67,7 @@ def frame_errors(bundle: Bundle, seen: Observations, count: int, rounds: int = 0
     return np.array([np.median(one) if len(one) else np.nan for one in frames])
 
 
-def grow_trusted(
-    solution: Solution,
-    pieces: TrackSightings,
-    whole: TrackSightings,
-    lens: BundleConfig,
-) -> Trusted:
+def grow_trusted(solution: Solution, pieces: TrackSightings, whole: TrackSightings, lens: BundleConfig) -> Trusted:
     """Return the solution, its cameras grown from the frames that it meets where it misses some.
 
     pieces, whole: every sighting of the tracks that may stand: cut into pieces where tracks are long, by

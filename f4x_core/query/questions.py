@@ -426,11 +426,7 @@ def _perhaps(word: str) -> str:
 
 
 def _look_for(
-    scene: Scene,
-    asked: Asked,
-    trajectory: Trajectory,
-    names: Mapping[str, Selection],
-    engines: Engines,
+    scene: Scene, asked: Asked, trajectory: Trajectory, names: Mapping[str, Selection], engines: Engines
 ) -> list[Sighting]:
     """Return the sightings that a question is about."""
     views = trajectory

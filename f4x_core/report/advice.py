@@ -468,9 +468,7 @@ def _about_depth(priors: Priors) -> Iterator[Finding]:
     unknown = float(np.mean(~np.isfinite(priors.depth)))
     if unknown > UNKNOWN_DEPTH:
         yield problem(
-            f"{unknown:.0%} of the pixels have no depth.",
-            "Give depth with --prior depth=DIR.",
-            cause=unmeasured,
+            f"{unknown:.0%} of the pixels have no depth.", "Give depth with --prior depth=DIR.", cause=unmeasured
         )
     background = "The depth of the background"
     regions = {background: None if priors.mask is None else ~priors.mask, MOVING_DEPTH: priors.mask}

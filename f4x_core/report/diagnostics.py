@@ -92,11 +92,7 @@ def render_previews(scene: Scene, metrics: Mapping[str, Any], backend: str = "au
 
 
 def write_diagnostics(
-    path: Path | str,
-    clip: Clip,
-    result: FitResult,
-    metrics: Mapping[str, Any],
-    images: ScenePreviews,
+    path: Path | str, clip: Clip, result: FitResult, metrics: Mapping[str, Any], images: ScenePreviews
 ) -> list[Finding]:
     """Write the page atomically; returns what it says about why the scene is as it is.
 

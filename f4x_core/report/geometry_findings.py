@@ -158,9 +158,7 @@ def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
             f" Views hold within about {degrees:.{1 if degrees < 2 else 0}f}° aside; beyond, things shift as guessed."
         )
     return Finding(
-        "problem",
-        sentence,
-        "Walk sideways by half a metre while filming, or give depth with --prior depth=DIR.",
+        "problem", sentence, "Walk sideways by half a metre while filming, or give depth with --prior depth=DIR."
     )
 
 

@@ -15,13 +15,7 @@ from f4x_core.priors.camera_problem import static_shift
 from f4x_core.priors.cameras import provide
 from f4x_core.priors.point_tracks import PointTracks
 from f4x_core.priors.refinement import complete
-from f4x_core.priors.sfm import (
-    best_focal,
-    choose_covering_points,
-    refocused,
-    solve_with_depth,
-    solve_with_tracks,
-)
+from f4x_core.priors.sfm import best_focal, choose_covering_points, refocused, solve_with_depth, solve_with_tracks
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT, FOCAL = 320, 180, 260.0

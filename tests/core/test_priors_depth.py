@@ -7,11 +7,7 @@ from f4x_core.clip import Clip
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig
 from f4x_core.priors.contact import smooth_object_depth
-from f4x_core.priors.depth import (
-    ground_prior,
-    inverse_depth_from_flow,
-    provide,
-)
+from f4x_core.priors.depth import ground_prior, inverse_depth_from_flow, provide
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT = 96, 64

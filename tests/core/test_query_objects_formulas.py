@@ -277,10 +277,7 @@ def weights(**given):
     return values
 
 
-@pytest.mark.parametrize(
-    ("near", "rest", "first", "both"),
-    [(4, 6, 0.91, 0.89), (0, 2, 0.71, 0.69)],
-)
+@pytest.mark.parametrize(("near", "rest", "first", "both"), [(4, 6, 0.91, 0.89), (0, 2, 0.71, 0.69)])
 def test_a_thing_fills_its_box(pointing, near, rest, first, both):
     """Of what moves in a box nine tenths belong to the thing; of what stands seven. A point asks for nothing of the kind."""
     pair = [near, near + 1]
