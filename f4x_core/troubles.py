@@ -149,13 +149,7 @@ TROUBLES = (
         "F4X-QUERY",
         "A word, point, box, mask or question finds nothing in this scene, or is not understood.",
         "`f4x info SCENE` lists the words it knows; `--vocabulary` of `f4x distill` adds more.",
-        (
-            "f4x_core.query",
-            "f4x_core.app.selecting",
-            "f4x_core.cli.querying",
-            "f4x_core.cli.asking",
-            "f4x_core.features.models.prompt",
-        ),
+        ("f4x_core.query", "f4x_core.app.selecting", "f4x_core.cli.querying", "f4x_core.cli.asking"),
     ),
     Trouble(
         "F4X-EDIT",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..features.models.prompt import Prompt
+from .decoder_prompt import Prompt
 from .score import logistic
 
 BOND = 0.05

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import F4xError
-from ..features.models.prompt import Prompt, check_frame
+from .decoder_prompt import Prompt, check_frame
 from .shapes import Polygon, Rectangle, Shape, Stroke
 
 DOT = 0.006

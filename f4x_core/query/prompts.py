@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from ..clip.images import resize_nearest
 from ..errors import F4xError
-from ..features.models.prompt import check_frame, check_prompt
 from ..geometry.camera import CameraPath
 from ..language.cast_words import caster
 from ..progress import Progress, silent
@@ -21,6 +20,7 @@ from ..scene.people import people_of
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
 from .cast import Source, cast_of, shaped_scores, source_of, without_shadow
+from .decoder_prompt import check_frame, check_prompt
 from .following import decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of

@@ -15,8 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from ..errors import F4xError
-from ..features.models.prompt import check_frame, check_prompt
 from ..features.text import unit
+from .decoder_prompt import check_frame, check_prompt
 from .growing import grow_prompt
 
 BLOCK = 8

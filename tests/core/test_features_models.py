@@ -16,7 +16,6 @@ from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.memory import memory_guard  # noqa: E402
 from f4x_core.features.models import CHECKPOINTS, depth, loading, sam2, smolvlm, textimage  # noqa: E402
-from f4x_core.features.models.prompt import check_frame, check_prompt  # noqa: E402
 from f4x_core.features.precomputed import LAYOUTS  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor  # noqa: E402
 from f4x_core.features.teachers import TEACHERS  # noqa: E402
@@ -76,32 +75,6 @@ def test_teachers_give_the_pyramid_that_their_spec_promises(tiny, levels):
         assert spec.name == head
         assert spec.provenance["model"] == "sam2"
         assert np.array_equal(levels[head][3].reshape(-1, spec.dim), pyramid[level][:, 0].numpy())
-
-
-@pytest.mark.parametrize(
-    ("prompt", "told"),
-    [
-        ({"t": 0}, "The prompt is empty"),
-        ({"t": 9, "points": [[1, 1]]}, "There is no frame 9: the clip has frames 0 to 4"),
-        ({"t": -1, "points": [[1, 1]]}, "There is no frame -1"),
-        ({"t": 0, "points": [[70, 1]]}, r"Point \(70, 1\) lies outside the picture of 64 x 48"),
-        ({"t": 0, "points": [[64, 1]]}, "lies outside"),
-        ({"t": 0, "points": [[np.nan, 1]]}, "lies outside"),
-        ({"t": 0, "points": [[1, 1]], "labels": [1, 0]}, "1 points and 2 labels"),
-        ({"t": 0, "points": [[1, 1]], "labels": [0]}, "at least one positive point"),
-        ({"t": 0, "points": []}, "at least one positive point"),
-        ({"t": 0, "box": [9, 1, 3, 8]}, "left < right"),
-        ({"t": 0, "box": [1, 2, 3]}, "left < right"),
-        ({"t": 0, "box": [65, 1, 80, 8]}, "lies outside"),
-        ({"t": 0, "mask": np.zeros((48, 64))}, "mask is empty"),
-        ({"t": 0, "mask": np.ones((4, 4))}, "48 rows x 64 columns"),
-        ({"t": 0, "mask": np.ones((48, 64)), "points": [[1, 1]]}, "complete prompt"),
-    ],
-)
-def test_prompts_that_mean_nothing_are_refused(prompt, told):
-    with pytest.raises(F4xError, match=told):
-        check_frame(prompt.pop("t"), 5)
-        check_prompt((48, 64), **prompt)
 
 
 # Text and pictures

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from labelled_scene import labelled_scene, square_mask
 
-from f4x_core.features.models.prompt import Prompt, check_prompt
 from f4x_core.query import objects
 from f4x_core.query.blend_weights import blend_weight_sums
+from f4x_core.query.decoder_prompt import Prompt, check_prompt
 from f4x_core.query.marks import Box, Brush, Mask, Point, marks_of
 from f4x_core.query.objects import Graph, Superpoints, point_out
 from f4x_core.query.select_config import MOVING, SELECT, STATIC, Cutting

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import F4xError
+from ..errors import F4xError
 
 
 @dataclass(frozen=True)
