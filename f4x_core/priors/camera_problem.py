@@ -14,7 +14,6 @@ from ..progress import Progress
 from .bundle import BundleConfig
 from .config import CamerasConfig, PriorsConfig
 from .flow import grey
-from .folder import SEEN_DEPTH
 from .mirror import DepthCues
 from .point_tracks import PointTracks
 from .sfm import Solution
@@ -83,7 +82,7 @@ class CameraProblem:
 
     def cues(self, frames: np.ndarray) -> DepthCues:
         """Return the depth cues for the cameras of the supervised frames `frames`."""
-        depth = self.priors.scratch.get(SEEN_DEPTH) if self.priors.depth is None else self.priors.depth
+        depth = self.priors.scratch.seen_depth if self.priors.depth is None else self.priors.depth
         return DepthCues(frames, self.tracks, self.priors.mask, depth)
 
 

@@ -229,8 +229,8 @@ def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progr
     gap 1 that was as accurate as flow computed anew over the gap, at a twentieth of the time. They live in unnamed
     temporary files and, for later stages, in `priors.scratch`.
     """
-    if "long_flows" in priors.scratch:
-        return priors.scratch["long_flows"]
+    if priors.scratch.long_flows is not None:
+        return priors.scratch.long_flows
     assert priors.flow_forward is not None and priors.flow_backward is not None
     frames = len(priors.frames)
     wanted = (1, *config.tracks.gaps, *config.motion.gaps)
@@ -250,7 +250,7 @@ def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progr
             chain = partial(_chain, flows[signed // 2], signed // 2, out)  # exact: a power of two, either sign
             in_threads(chain, range(max(0, -signed), min(frames, frames - signed)))
     progress("long flows", len(gaps), len(gaps))
-    priors.scratch["long_flows"] = flows
+    priors.scratch.long_flows = flows
     return flows
 
 

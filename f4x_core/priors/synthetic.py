@@ -334,9 +334,10 @@ def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pr
 
 def _truth(clip: Clip, priors: Priors, progress: Progress) -> Truth:
     """Return the truth, read once for all stages."""
-    if "truth" not in priors.scratch:
-        priors.scratch["truth"] = Truth.read(clip, progress)
-    return priors.scratch["truth"]
+    kept = priors.scratch.of_providers
+    if "truth" not in kept:
+        kept["truth"] = Truth.read(clip, progress)
+    return kept["truth"]
 
 
 def _unit(truth: Truth, priors: Priors) -> float:

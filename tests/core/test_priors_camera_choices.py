@@ -23,7 +23,6 @@ from f4x_core.priors import (
 )
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
 from f4x_core.priors.camera_problem import Attempt
-from f4x_core.priors.folder import SEEN_DEPTH
 from f4x_core.priors.mirror import Decision, Evidence, mirrored
 from f4x_core.priors.point_tracks import PointTracks
 from f4x_core.priors.sfm import DEFAULT_FOCAL, FOCALS, Solution, refocused, sightings, subset, with_points_ahead
@@ -450,7 +449,7 @@ def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
     np.testing.assert_array_equal(some.observations.uv, expected.seen.uv)
     np.testing.assert_allclose(some.bundle.points, triangulate(true, expected.seen, len(expected.tracks))[0])
     assert structure._with_sightings(job, start) is start
-    job.priors.scratch[SEEN_DEPTH] = "seen"
+    job.priors.scratch.seen_depth = "seen"
     assert job.cues(frames).depth == "seen"
     job.priors.depth = "prior"
     assert job.cues(frames).depth == "prior" and job.cues(frames).mask is None

@@ -45,7 +45,7 @@ def plane_priors(frames=8, step=0.05):
     for gap in (1, 2, 4):
         for sign in (1, -1):
             flows[sign * gap] = (empty + sign * gap * shift).astype(np.float16)
-    priors.scratch["long_flows"] = flows
+    priors.scratch.long_flows = flows
     return clip, priors, inverse
 
 

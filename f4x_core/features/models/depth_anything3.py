@@ -154,8 +154,8 @@ def scale_to_tracks(inverse: np.ndarray, priors: Priors) -> tuple[np.ndarray, np
 
 def _views(clip: Clip, priors: Priors, progress: Progress, model: str | Path) -> tuple[str, Views]:
     """Return the name of the weights and the views of the supervised frames, predicted once per run for cameras and depth."""
-    key = f"views of {model}"
-    if key not in priors.scratch:
+    key, kept = f"views of {model}", priors.scratch.of_providers
+    if key not in kept:
         network = DepthAnything3(model)
         height, width = network.size(priors.width, priors.height)
         max_views = int(np.clip(MAX_PIXELS // (height * width), 3, MAX_VIEWS))
@@ -169,8 +169,8 @@ def _views(clip: Clip, priors: Priors, progress: Progress, model: str | Path) ->
 
         views = predict_in_one_world(predict, count, max_views)
         progress("model", count, count, "Depth Anything 3")
-        priors.scratch[key] = network.weights.name, views
-    return priors.scratch[key]
+        kept[key] = network.weights.name, views
+    return kept[key]
 
 
 def _extent(centers: np.ndarray) -> float:
