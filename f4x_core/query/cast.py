@@ -57,9 +57,14 @@ SOMEBODY = ("man", "woman", "boy", "girl", "child", "guy", "dancer")
 """Words for the people whom a fit found."""
 
 
+def untaught_words(scene: Scene, words: Sequence[str] = SURFACES + SOMEBODY) -> list[str]:
+    """Return those of some words that need no teacher."""
+    return [word for word in words if needs_no_teacher(scene, word)]
+
+
 def with_untaught(scene: Scene, labels: Sequence[str], words: Sequence[str] = SURFACES + SOMEBODY) -> list[str]:
-    """Return `labels` and those of `words` that need no teacher; none where there are no labels, as any word may be a name then."""
-    return [*labels, *(word for word in words if labels and needs_no_teacher(scene, word))]
+    """Return `labels` and the untaught ones of `words`; none of those without labels, as any word may be a name then."""
+    return [*labels, *(untaught_words(scene, words) if labels else ())]
 
 
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:
