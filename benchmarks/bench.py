@@ -109,9 +109,6 @@ REACH = {
     "fit_ratio": "<= 1.6",
     "width_ratio": "Feature4X: 5.23",
     "mask_time_ratio": ">= 3",
-    "logits_error": "<= 1e-5",
-    "bypass_encoder_calls": "0",
-    "sam2_time_ratio": ">= 2",
     "sentence_s": "<= 5",
     "still_flicker": "<= 1.05",
     "mask_iou": ">= 0.8",
@@ -167,33 +164,30 @@ def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     from .quality.queries import benchmark, measure_cost
     from .speed.feature_cost import compare_inference
 
-    if args.scene is None and args.sam2 is None:
-        raise F4xError("bench features needs --scene SCENE, and --masks, --clip or --times for more; or --sam2.")
+    if args.scene is None:
+        raise F4xError("bench features needs --scene SCENE, and --masks, --clip or --times for more.")
     report: dict[str, Any] = {}
-    if args.scene is not None:
-        scene = read_scene(args.scene)
-        if args.masks is not None:
-            masks = read_masks(args.masks, scene)
-            report |= benchmark(scene, masks, args.label, encode_labels, repeats=args.repeats, progress=progress)
-            if LOOKS_ALIKE in scene.require_field().names:
-                first = min(masks)
-                report |= compare_inference(scene, masks[first], first, LOOKS_ALIKE, progress=progress)
-        else:
-            report |= {"scene": scene.name} | measure_cost(scene, repeats=args.repeats)
-        if args.truth is not None:
-            if args.label is None:
-                raise F4xError("--truth needs --label WORD: what moves in the rendered clip.")
-            from .quality.labels import score_labels
+    scene = read_scene(args.scene)
+    if args.masks is not None:
+        masks = read_masks(args.masks, scene)
+        report |= benchmark(scene, masks, args.label, encode_labels, repeats=args.repeats, progress=progress)
+        if LOOKS_ALIKE in scene.require_field().names:
+            first = min(masks)
+            report |= compare_inference(scene, masks[first], first, LOOKS_ALIKE, progress=progress)
+    else:
+        report |= {"scene": scene.name} | measure_cost(scene, repeats=args.repeats)
+    if args.truth is not None:
+        if args.label is None:
+            raise F4xError("--truth needs --label WORD: what moves in the rendered clip.")
+        from .quality.labels import score_labels
 
-            report |= score_labels(scene, args.truth, args.label, encode=encode_labels, progress=progress)
-        if args.times and args.clip is None:
-            raise F4xError("--times needs --clip CLIP: the clip is fitted anew.")
-        if args.clip is not None:
-            clip = clip_of_scene(scene, args.clip, args.frames, progress)
-            report |= _images(scene, clip, args, progress)
-            report |= _times(scene, clip, args, progress) if args.times else {}
-    if args.sam2 is not None:
-        report["sam2"] = _bypass(args, progress)
+        report |= score_labels(scene, args.truth, args.label, encode=encode_labels, progress=progress)
+    if args.times and args.clip is None:
+        raise F4xError("--times needs --clip CLIP: the clip is fitted anew.")
+    if args.clip is not None:
+        clip = clip_of_scene(scene, args.clip, args.frames, progress)
+        report |= _images(scene, clip, args, progress)
+        report |= _times(scene, clip, args, progress) if args.times else {}
     return {**report, "text": _as_table(report)}
 
 
@@ -332,21 +326,6 @@ def _times(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progres
         return measure_times(fit, maps, DistilConfig(threads=threads), args.repeats, progress)
 
 
-def _bypass(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """SAM 2 without its encoder against the whole model, on three frames."""
-    import numpy as np
-
-    from f4x_core.clip import read_clip
-
-    from .speed.sam2_bypass import compare_bypass
-
-    if args.clip is not None:
-        frames = read_clip(args.clip, args.frames, progress=progress).frames[:3]
-    else:
-        frames = np.random.default_rng(0).integers(0, 256, (3, 64, 64, 3), dtype=np.uint8)
-    return compare_bypass(frames, args.sam2, progress)
-
-
 def _as_table(report: dict[str, Any]) -> str:
     """Name, value and goal in columns."""
     from rich.console import Console
@@ -355,7 +334,7 @@ def _as_table(report: dict[str, Any]) -> str:
     table = Table(box=None, show_header=True, pad_edge=False)
     for title in ("", "measured", "to reach"):
         table.add_column(title, justify="right" if title == "measured" else "left")
-    for name, value in [*report.items(), *report.get("sam2", {}).items()]:
+    for name, value in report.items():
         if not isinstance(value, dict):
             shown = f"{value:.4g}" if isinstance(value, float) else str(value)
             table.add_row(name, shown, REACH.get(name, ""))

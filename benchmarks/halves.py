@@ -57,8 +57,7 @@ RENDERED = Halves(
 )
 """Clips that `scripts/synthetic_clip.py` renders."""
 PEOPLE = Halves(
-    choosing=("people-walk", "people-cross", "people-turn"),
-    judging=("people-jump", "people-hidden", "people-far"),
+    choosing=("people-walk", "people-cross", "people-turn"), judging=("people-jump", "people-hidden", "people-far")
 )
 """Rendered people, each half with both figures and three sizes."""
 REAL = Halves(

@@ -200,7 +200,7 @@ def _new_neighbour(path: Path, suffix: str) -> Path:
 
 
 def _mode_of(path: Path) -> int:
-    """Permission bits the finished file should have: those it had, or the usual ones (mkstemp gives 0600)."""
+    """Return the permission bits that the finished file should have: those it had, or the usual ones (mkstemp gives 0600)."""
     try:
         return path.stat().st_mode & 0o777
     except FileNotFoundError:

@@ -133,7 +133,7 @@ def plot(title: str, across: str, up: str, columns: int = 1, height: float = 2.7
 
 
 def legend(axis: Axes) -> None:
-    """A legend in the page's text colour; one of many entries stands below a plot that grows by it."""
+    """Draw a legend in the page's text color; one of many entries stands below a plot that grows by it."""
     entries = len(axis.get_legend_handles_labels()[1])
     below: dict[str, Any] = {}
     if entries > ENTRIES_INSIDE:

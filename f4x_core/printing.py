@@ -21,7 +21,7 @@ _UNSAFE = re.compile(
 
 
 def escaped(text: str) -> str:
-    r"""`text` with everything that steers a terminal, reorders a line or cannot be printed written out, such as `\x1b`.
+    r"""Return `text` with all that steers a terminal, reorders a line or cannot be printed written out, such as `\x1b`.
 
     Lines and tabs stay; see `one_line`.
     """
@@ -29,7 +29,7 @@ def escaped(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    r"""The same for text that stands within a line, such as a name: its line feeds are written as `\n`, too."""
+    r"""Return `escaped` text with its line feeds written as `\n`, too, to stand within a line, such as a name."""
     return escaped(text).replace("\n", r"\n")
 
 

@@ -49,7 +49,7 @@ class LineProgress:
     """A `Progress` that writes JSON lines to `file`; what comes faster than INTERVAL within a stage is left out."""
 
     def __init__(self, file: TextIO):
-        """Nothing is written before the first report."""
+        """Begin before the first report, with which the first line is written."""
         self.file = file
         self.stage, self.shown_at = "", 0.0
 

@@ -11,4 +11,4 @@ class Progress(Protocol):
 
 
 def silent(stage: str, done: int, total: int, message: str = "") -> None:
-    """The default progress: nothing."""
+    """Report nothing: the default progress."""

@@ -62,10 +62,7 @@ TROUBLES = (
         "F4X-PRIORS",
         "Depth, flow, masks or tracks that were supplied have another size, number or kind than the clip.",
         "Compare shape and dtype with the table in docs/architecture.md; remove the folder priors/ to have them made anew.",
-        (
-            "f4x_core.people",
-            "f4x_core.priors",
-        ),
+        ("f4x_core.people", "f4x_core.priors"),
     ),
     Trouble(
         "F4X-TRACKING",
@@ -152,13 +149,7 @@ TROUBLES = (
         "F4X-QUERY",
         "A word, point, box, mask or question finds nothing in this scene, or is not understood.",
         "`f4x info SCENE` lists the words it knows; `--vocabulary` of `f4x distill` adds more.",
-        (
-            "f4x_core.query",
-            "f4x_core.app.selecting",
-            "f4x_core.cli.querying",
-            "f4x_core.cli.asking",
-            "f4x_core.features.models.prompt",
-        ),
+        ("f4x_core.query", "f4x_core.app.selecting", "f4x_core.cli.querying", "f4x_core.cli.asking"),
     ),
     Trouble(
         "F4X-EDIT",
@@ -323,7 +314,7 @@ def coded(sentence: str, code: str) -> str:
 
 
 def explain(code: str) -> str:
-    """Cause and cure of a code, as `f4x doctor CODE` prints them.
+    """Return cause and cure of a code, as `f4x doctor CODE` prints them.
 
     Raises:
         F4xError: there is no such code.

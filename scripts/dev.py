@@ -133,11 +133,7 @@ def coverage() -> int:
 
 def lint() -> int:
     """Format check, lint and types; all three run even when the first fails."""
-    codes = [
-        run(["-m", "ruff", "check", "."]),
-        run(["-m", "ruff", "format", "--check", "."]),
-        run(["-m", "mypy"]),
-    ]
+    codes = [run(["-m", "ruff", "check", "."]), run(["-m", "ruff", "format", "--check", "."]), run(["-m", "mypy"])]
     return max(codes)
 
 

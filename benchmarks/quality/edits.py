@@ -116,11 +116,7 @@ def innermost(mask: np.ndarray) -> tuple[float, float]:
 
 
 def measure_edit(
-    scene: Scene,
-    selection: Selection,
-    views: Iterable[TrueView],
-    edit: str = "recolour",
-    progress: Progress = silent,
+    scene: Scene, selection: Selection, views: Iterable[TrueView], edit: str = "recolour", progress: Progress = silent
 ) -> dict[str, float]:
     """Measure what an edit of `selection` changes in `views`, against the true masks of the thing, where these are known.
 

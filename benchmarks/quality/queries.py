@@ -24,11 +24,7 @@ FOLLOWED = (5, 10, 30)
 
 
 def score_text(
-    scene: Scene,
-    masks: Mapping[int, np.ndarray],
-    label: str,
-    encode: Encode | None = None,
-    progress: Progress = silent,
+    scene: Scene, masks: Mapping[int, np.ndarray], label: str, encode: Encode | None = None, progress: Progress = silent
 ) -> dict[str, float]:
     """Score the query for `label` against bool `masks` (frame -> (H,W)) in the original views; means over frames with a mask.
 

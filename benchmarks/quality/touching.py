@@ -86,10 +86,7 @@ def touching_world(kind: str, seed: int) -> World:
     if kind == "slide":
         beside = (size[0, 0] + size[1, 0]) / 2
         one, two = (-beside / 2, 0.05, 0.8), (beside / 2, 0.05, 0.8)
-        bodies = [
-            thing("one", one, 0, way(one, (0.02, -0.14, 0))),
-            thing("two", two, 1, way(two, (0.02, 0.12, 0))),
-        ]
+        bodies = [thing("one", one, 0, way(one, (0.02, -0.14, 0))), thing("two", two, 1, way(two, (0.02, 0.12, 0)))]
     elif kind == "cross":
         places = [(-0.3, 0.0, 0.62), (0.32, 0.08, 0.85), (0.0, -0.05, 1.08)]
         shifts = [(0.5, 0, 0.02), (-0.6, 0.02, 0), (0.1, 0.12, 0)]
@@ -147,12 +144,7 @@ def true_scene(world: World) -> tuple[Scene, np.ndarray]:
         **_splats(movers),
     )
     return Scene(
-        name=world.name,
-        static=static,
-        dynamic=dynamic,
-        scaffold=_nodes(world, movers),
-        cameras=world.cameras,
-        fps=24.0,
+        name=world.name, static=static, dynamic=dynamic, scaffold=_nodes(world, movers), cameras=world.cameras, fps=24.0
     ), labels
 
 

@@ -278,10 +278,7 @@ def view_of(scene: Mapping[str, Any]) -> tuple[Splats, Any, Camera]:
 def draw(**given: Any) -> RasterOutput:
     """`rasterize` of the named arrays of `view_of`; what else is given are its options."""
     options = {name: value for name, value in given.items() if name not in VIEW}
-    return rasterize(
-        *view_of(given),
-        **options,
-    )
+    return rasterize(*view_of(given), **options)
 
 
 def draw_with(backend: str, config: RasterConfig | None = None) -> Draw:

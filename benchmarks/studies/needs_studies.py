@@ -378,9 +378,7 @@ def _fit_clip(context: Context, place: Path) -> Callable[[FitConfig, Priors | No
         scores = evaluate(scene, clip)
         moving = [
             psnr(
-                render_of(scene, scene.cameras[i], float(i)),
-                torch.from_numpy(clip.frames[i] / np.float32(255)),
-                region,
+                render_of(scene, scene.cameras[i], float(i)), torch.from_numpy(clip.frames[i] / np.float32(255)), region
             )
             for i, region in _moving_regions(clip, priors).items()
         ]

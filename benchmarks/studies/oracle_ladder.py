@@ -29,14 +29,7 @@ from ..study import Context, Findings, Row, Table
 from .clip_studies import PEOPLE_RENDER, render_clips
 from .toy_fits import QUICK_STEPS, base_config, shorten
 
-RUNGS = (
-    "camera poses",
-    "focal length",
-    "depth of the background",
-    "depth of moving objects",
-    "tracks",
-    "masks",
-)
+RUNGS = ("camera poses", "focal length", "depth of the background", "depth of moving objects", "tracks", "masks")
 """Priors that are replaced, alone and together."""
 Mixture = tuple[str, frozenset[str]]
 """Label of the row, and the replaced ones of `RUNGS`."""

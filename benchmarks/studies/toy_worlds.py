@@ -273,12 +273,7 @@ class Rectangle:
 
 
 def sheet(
-    label: str,
-    area: Rectangle,
-    look: int,
-    motion: Motion | None = None,
-    shine: float = 0.0,
-    spacing: float = SPACING,
+    label: str, area: Rectangle, look: int, motion: Motion | None = None, shine: float = 0.0, spacing: float = SPACING
 ) -> Body:
     """Return a textured rectangle of two triangles; with `motion`, which may bend it, of two for every point.
 

@@ -40,7 +40,7 @@ class SceneFolder:
         return path.relative_to(self.root).as_posix()
 
     def scenes(self) -> list[str]:
-        """Names of the scenes, sorted, at most `MAX_SCENES`."""
+        """Return the names of the scenes, sorted, at most `MAX_SCENES`."""
         if self.only is not None:
             return [self.name(self.only)]
         return sorted(islice((self.name(path) for path in self._found()), MAX_SCENES))

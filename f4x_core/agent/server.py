@@ -94,12 +94,7 @@ def build_server(session: Session, token: str = "", port: int = 0) -> AgentServe
             "token_verifier": SingleTokenVerifier(token),
         }
     server = AgentServer(
-        "feature4x",
-        version=VERSION,
-        instructions=INSTRUCTIONS,
-        log_level="WARNING",
-        subscriptions=False,
-        **protected,
+        "feature4x", version=VERSION, instructions=INSTRUCTIONS, log_level="WARNING", subscriptions=False, **protected
     )
     lock = Lock()
     for name in session.READING if session.read_only else (*session.READING, *session.WRITING):

@@ -175,7 +175,7 @@ class Session:
     """Tools that write."""
 
     def __init__(self, folder: SceneFolder, read_only: bool = False, backend: str = "auto"):
-        """`backend` renders. The caller may set `progress` before a call."""
+        """Open a session without scenes; `backend` renders. The caller may set `progress` before a call."""
         self.folder, self.read_only, self.backend = folder, read_only, backend
         self.progress: Progress = silent
         self._scenes: dict[tuple[Path, int, int, int], Scene] = {}
@@ -194,12 +194,7 @@ class Session:
         named = [name for edit in of(opened).edits if (name := getattr(edit.operation, "name", ""))]
         return ToolResult(
             {"scenes": listed, "scene": self.folder.name(path)} | {name: info[name] for name in counts if name in info},
-            {
-                "name": opened.name,
-                "labels": known_words(opened),
-                "heads": [*info["heads"]],
-                "named": named,
-            },
+            {"name": opened.name, "labels": known_words(opened), "heads": [*info["heads"]], "named": named},
         )
 
     def render_view(
@@ -311,12 +306,7 @@ class Session:
         data = {"proposal": name, "best": proposal.best, "candidates": rows, "understood_by": proposal.understood_by}
         return ToolResult(data | {"judged_by": proposal.judged_by, "notes": list(proposal.notes)})
 
-    def preview(
-        self,
-        proposal: ProposalName,
-        candidate: Which = -1,
-        viewpoint: Viewpoint = Viewpoint(),
-    ) -> ToolResult:
+    def preview(self, proposal: ProposalName, candidate: Which = -1, viewpoint: Viewpoint = Viewpoint()) -> ToolResult:
         """Draw the scene before and after a candidate. Writes nothing."""
         path, opened, chosen = self._candidate(proposal, candidate)
         view = self._view(opened, Look(**vars(viewpoint)))
@@ -405,7 +395,7 @@ class Session:
         return found.selection.for_ids(scene.ids)
 
     def _candidate(self, name: str, index: int) -> tuple[Path, Scene, plan.Candidate]:
-        """(path, scene, candidate) of a proposal. Raises F4xError if the scene was edited since: its ids may have changed."""
+        """Return (path, scene, candidate) of a proposal. F4xError if the scene was edited since: its ids may have changed."""
         if name not in self._proposed:
             raise F4xError(f"There is no proposal {name!r}; known: {', '.join(self._proposed) or 'none'}.")
         path, edits, proposal = self._proposed[name]
@@ -421,11 +411,7 @@ class Session:
         shown = plan.preview(scene, candidate)
         chosen, new = sizes(shown), of(shown).edits[len(of(scene)) :]
         does = [
-            {
-                "does": line,
-                "gaussians": sum(chosen.get(edit.id, ())),
-                **_with_id_counts(edit.operation.to_json()),
-            }
+            {"does": line, "gaussians": sum(chosen.get(edit.id, ())), **_with_id_counts(edit.operation.to_json())}
             for edit, line in zip(new, plan_lines(scene, [edit.operation for edit in new]), strict=True)
         ]
         shows = str(uncovered(shown) or "") if takes_away(candidate.operations) else ""
@@ -463,7 +449,7 @@ def _read_operations(entries: list[dict[str, Any]]) -> tuple[Operation, ...]:
 
 
 def _with_id_counts(value: Any) -> Any:
-    """JSON of an operation, with the number of ids in place of the packed ids."""
+    """Return the JSON of an operation with the number of ids in place of the packed ids."""
     if isinstance(value, dict):
         if value.get("by") == Ids.TAG:
             return {
@@ -493,7 +479,7 @@ def _require_times(cameras: CameraPath, times: Sequence[float]) -> None:
 
 
 def _box_of(inside: np.ndarray, scene: Scene) -> list[float] | None:
-    """Left, top, right, bottom, in pixels of the clip, of the true pixels of `inside (H,W)`; None if there are none."""
+    """Return left, top, right, bottom, in pixels of the clip, of the true pixels of `inside (H,W)`; None if there are none."""
     rows, columns = np.nonzero(inside)
     if not len(rows):
         return None

@@ -36,7 +36,7 @@ class ToolResult:
     """An image."""
 
     def to_json(self) -> dict[str, Any]:
-        """Data and texts as one object, shortened to `MAX_RESULT_CHARACTERS`; F4xError if that is not possible."""
+        """Return data and texts as one object, shortened to `MAX_RESULT_CHARACTERS`; F4xError if that is not possible."""
         whole = json_data({**self.data, **({TEXTS: self.texts} if self.texts else {})})
         for max_entries in LIST_LIMITS:
             shortened = _shortened(whole, max_entries)
@@ -46,7 +46,7 @@ class ToolResult:
 
 
 def plain(text: str, max_characters: int = MAX_TEXT_CHARACTERS) -> str:
-    """`text` as one line without control and formatting characters, which could hide or disguise parts of it."""
+    """Return `text` as one line without control and formatting characters, which could hide or disguise parts of it."""
     head = text[: 4 * max_characters]  # a bounded amount of work, however long the text is
     shown = " ".join("".join(" " if unicodedata.category(c)[0] in "CZ" else c for c in head).split())
     return shown if len(shown) <= max_characters else shown[: max_characters - 1] + "…"
@@ -60,7 +60,7 @@ def encode_png(image: np.ndarray | Image.Image) -> bytes:
 
 
 def _shortened(value: Any, max_entries: int) -> Any:
-    """JSON data whose lists and objects keep at most `max_entries` entries, and which counts the others."""
+    """Return JSON data whose lists and objects keep at most `max_entries` entries and count the others."""
     if isinstance(value, str):
         return plain(value)
     if isinstance(value, dict):

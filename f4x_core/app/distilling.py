@@ -69,77 +69,89 @@ class Distilled:
 def distill(request: DistilRequest, progress: Progress = silent) -> Distilled:
     """Add heads or words to a scene, in place or in another file, as `f4x distill` does."""
     path, output = in_place(request.path, request.output)
-    request = replace(request, path=path, output=output, folder=request.folder or request.path.parent / "features")
+    request = replace(request, path=path, output=output)
     with only_run("distill", output or path):
         return _distill(request, progress)
 
 
 def _distill(request: DistilRequest, progress: Progress) -> Distilled:
     """Read the scene, add heads and words, and write it."""
-    scene, arrays = read_with_arrays(request.path)
-    labels = request.labels
+    opened = OpenScene.read(request.path)
+    scene, labels, learnt = opened.scene, request.labels, opened.scene.features
     # With a vocabulary only the new words are wanted; teachers alone are learnt again.
-    kept = tuple(
-        name for name in request.teachers if labels and scene.features is not None and name in scene.features.names
-    )
+    kept = tuple(name for name in request.teachers if labels and learnt is not None and name in learnt.names)
     names = [name for name in request.teachers if name not in kept]
     if names:
-        clip = reel_of_scene(scene, request.clip, request.frames) if request.clip else None
-        assert request.folder is not None
-        maps = [maps_of(scene, request.folder / name, name, clip, progress) for name in names]
+        clip = stream_of_scene(scene, request.clip, request.frames) if request.clip else None
+        folder = request.folder or request.path.parent / "features"
+        maps = [maps_of(scene, folder / name, name, clip, progress) for name in names]
         for encoder in {each.spec.text_encoder for each in maps} - {None} if labels else ():
             require_path(find_text_encoder(encoder).weights)  # before the work, not after it
         scene = distil(scene, maps, request.config, progress)
-    written = request.output or request.path
-    return replace(write_distilled(scene, written, None if request.output else arrays, names, labels), kept=kept)
+    scene, wordless = with_words(scene, names, labels)
+    if request.output is None:
+        opened.write(scene)
+    else:
+        with updating(request.output):
+            write_scene(scene, request.output)
+    return _summary(scene, request.output or request.path, wordless, kept)
 
 
-def read_with_arrays(path: Path) -> tuple[Scene, dict[str, Any]]:
-    """Return (scene, what its header says of arrays and features)."""
-    with updating(path):  # both of one file
-        return read_scene(path), _arrays_of(read_header(path))
+def _summary(scene: Scene, path: Path, wordless: tuple[str, ...], kept: tuple[str, ...]) -> Distilled:
+    learnt = scene.require_field()
+    heads = {head.spec.name: dict(head.report) for head in learnt.heads}
+    words = {encoder: tuple(each.labels) for encoder, each in learnt.vocabularies.items()}
+    return Distilled(path, learnt.width, heads, words, scene.info()["megabytes"], wordless, kept)
 
 
-def _arrays_of(header: dict[str, Any]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class OpenScene:
+    """A scene file as it was read, to be written over with the edits that others put into it meanwhile."""
+
+    path: Path
+    """The scene file."""
+    scene: Scene
+    """The scene as it was read."""
+    arrays: Mapping[str, Any]
+    """Arrays and features in the header as it was read."""
+
+    @classmethod
+    def read(cls, path: Path) -> OpenScene:
+        """Read scene and header of one state of the file."""
+        with updating(path):
+            return cls(path, read_scene(path), _arrays_of(path))
+
+    def write(self, scene: Scene) -> None:
+        """Write `scene` over the file, with its edits of now; F4xError if the file got other arrays since it was read."""
+        with updating(self.path):
+            if _arrays_of(self.path) != self.arrays:
+                raise F4xError(
+                    f"{self.path}: another program wrote other Gaussians or features into this scene meanwhile, so what was"
+                    " learnt here was not written; run it again."
+                )
+            next_id = max(scene.next_id, read_header(self.path)["next_id"])
+            write_scene(with_stack(replace(scene, next_id=next_id), read_stack(self.path)), self.path)
+
+
+def _arrays_of(path: Path) -> dict[str, Any]:
+    header = read_header(path)
     return {name: header.get(name) for name in ("arrays", "features")}
 
 
-def with_edits_since(scene: Scene, path: Path, arrays: dict[str, Any]) -> Scene:
-    """Return the scene with the edits that its file has by now; F4xError if the file got other arrays since it was read."""
-    header = read_header(path)
-    if _arrays_of(header) != arrays:
-        raise F4xError(
-            f"{path}: another program wrote other Gaussians or features into this scene meanwhile, so what was learnt here was"
-            " not written; run it again."
-        )
-    return with_stack(replace(scene, next_id=max(scene.next_id, header["next_id"])), read_stack(path))
+def with_words(scene: Scene, heads: Sequence[str], labels: Sequence[str]) -> tuple[Scene, tuple[str, ...]]:
+    """Return the scene with `labels`, and everyday words for new `heads` whose text encoders are installed; and the other encoders.
 
-
-def write_distilled(
-    scene: Scene, path: Path, arrays: dict[str, Any] | None, names: Sequence[str], labels: Sequence[str]
-) -> Distilled:
-    """Add the vocabulary and write the scene to `path`.
-
-    `arrays` is what `read_with_arrays` found where the scene was read from `path`: edits that others put into the file
-    meanwhile stay. None: the scene is from another file. A new head with a text encoder also gets a vocabulary of everyday
-    words if that encoder is installed.
+    Encoders that get labels are none of the others.
     """
     known = scene.require_field()
-    new = sorted({encoder for name in names if (encoder := known.spec(name).text_encoder)} - known.vocabularies.keys())
+    new = sorted({encoder for name in heads if (encoder := known.spec(name).text_encoder)} - known.vocabularies.keys())
     here = [name for name in new if name in TEXT_ENCODERS and TEXT_ENCODERS[name].here]
     scene = with_vocabulary(scene, EVERYDAY, encoders=here) if here else scene
     scene = with_vocabulary(scene, labels) if labels else scene
-    wordless = tuple(name for name in new if name not in here and not labels)
-    assert scene.features is not None
-    with updating(path):
-        write_scene(scene if arrays is None else with_edits_since(scene, path, arrays), path)
-    learnt = scene.features
-    heads = {head.spec.name: dict(head.report) for head in learnt.heads}
-    words = {encoder: tuple(each.labels) for encoder, each in learnt.vocabularies.items()}
-    return Distilled(path, learnt.width, heads, words, scene.info()["megabytes"], wordless)
+    return scene, tuple(name for name in new if name not in here and not labels)
 
 
-def reel_of_scene(scene: Scene, source: Path, frames: str | None) -> ClipStream:
+def stream_of_scene(scene: Scene, source: Path, frames: str | None) -> ClipStream:
     """Return the frames that a scene was fitted to, at the scene's size, read on demand; `frames` in place of those it names."""
     cameras = scene.cameras
     return ClipStream(source, frames or scene.fitted_frames, cameras.width, cameras.height, len(cameras))
@@ -168,5 +180,5 @@ def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | Non
                 f"{folder} holds no feature maps and the scene's clip is not at {source}; give --clip CLIP, or --features"
                 " DIR with the maps."
             )
-        clip = reel_of_scene(scene, Path(source), None)
+        clip = stream_of_scene(scene, Path(source), None)
     return extract(clip, name, folder, progress=progress)

@@ -152,7 +152,7 @@ class Shots:
 
 
 def shots_of(request: FitRequest, cut: Cut, progress: Progress = silent) -> Shots | None:
-    """Survey a clip that is fitted in windows; None for one that is fitted at once."""
+    """Survey a clip that is fitted in windows and return its shots; None for one that is fitted at once."""
     if cut.length == 0:
         return None
     plan_windows(0, cut.length, cut.length, cut.overlap)  # a wrong pair is refused before the clip is read

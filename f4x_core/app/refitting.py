@@ -11,9 +11,8 @@ from ..files import link_target, neighbour
 from ..fit.linear_config import LinearConfig
 from ..fit.linear_light import agreement, refit
 from ..progress import Progress, silent
-from ..scene import updating, write_scene
 from ..scene.locking import only_run
-from .distilling import read_with_arrays, with_edits_since
+from .distilling import OpenScene
 
 
 @dataclass(frozen=True)
@@ -33,10 +32,9 @@ class Refitted:
 def refit_file(path: Path, config: LinearConfig, resume: bool = False, progress: Progress = silent) -> Refitted:
     """Refit the scene at `path` and write it, as `f4x refit` does; edits that others put into the file meanwhile stay."""
     with only_run("refit", path):
-        scene, arrays = read_with_arrays(path)
-        before = agreement(scene)
-        scene = refit(scene, config, neighbour(link_target(path), "refit"), resume, progress)
+        opened = OpenScene.read(path)
+        before = agreement(opened.scene)
+        scene = refit(opened.scene, config, neighbour(link_target(path), "refit"), resume, progress)
         after = agreement(scene)
-        with updating(path):
-            write_scene(with_edits_since(scene, path, arrays), path)
+        opened.write(scene)
     return Refitted(path, float(np.mean(before)), float(np.mean(after)), min(after))

@@ -113,7 +113,7 @@ def render_path(scene: Scene, folder: Path | str, options: RenderOptions, progre
 
 
 def _refuse_unknown(scene: Scene, channels: Sequence[str]) -> None:
-    """F4xError for a channel of which no pictures can be written, and where there is one of that name, how to have it."""
+    """Raise F4xError for a channel that cannot be written as pictures; it says how to get one that exists."""
     from . import shots
 
     known = (*CHANNELS, UNSEEN, *feature_channels(scene))

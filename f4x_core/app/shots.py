@@ -80,11 +80,7 @@ def exposure_of(options: RenderOptions) -> Exposure:
 
 
 def take(
-    scene: Scene,
-    views: Trajectory,
-    index: int,
-    exposure: Exposure,
-    wanted: tuple[Sequence[str], Mattes | None, str],
+    scene: Scene, views: Trajectory, index: int, exposure: Exposure, wanted: tuple[Sequence[str], Mattes | None, str]
 ) -> dict[str, np.ndarray]:
     """Return `shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
     names, mattes, backend = wanted

@@ -43,7 +43,7 @@ def require_values(row: Row) -> None:
 
 
 def _require_sentences(row: Row) -> None:
-    """F4xError for the first sentence that cannot be parsed, or that names an object in a scene without text features."""
+    """Raise F4xError for the first sentence that cannot be parsed, or that names a thing in a scene without text features."""
     labels = (*EVERYDAY, *row.vocabulary) if row.features else ()
     for sentence in row.edits:
         if sentence.endswith(".json"):

@@ -160,7 +160,7 @@ def _text(source: str) -> str:
 
 
 def _csv_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
-    """Rows of a CSV file. Empty lines, comments with # and the `sep=;` of a spreadsheet are skipped."""
+    """Return the rows of a CSV file, without empty lines, comments with # and the `sep=;` of a spreadsheet."""
     rows: list[Row] = []
     first = next((line for line in text.splitlines() if line.strip() and not line.startswith(SILENT)), "")
     delimiter = max(DELIMITERS, key=first.count)
@@ -213,12 +213,12 @@ def _json_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
 
 @cache
 def _hints() -> dict[str, Any]:
-    """Types of a row's fields; to find them takes longer than to read a row."""
+    """Return the types of a row's fields; finding them takes longer than reading a row."""
     return get_type_hints(Row)
 
 
 def _cells(cells: Mapping[str, str], where: str) -> dict[str, Any]:
-    """Cells converted to the fields' types, without empty ones. Invalid numbers stay text, and `read_record` refuses them."""
+    """Convert cells to the fields' types, without empty ones; invalid numbers stay text, which `read_record` refuses."""
     hints = _hints()
     values: dict[str, Any] = {}
     for column, cell in cells.items():

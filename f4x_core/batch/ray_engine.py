@@ -62,10 +62,7 @@ class RayEngine:
     def start(self, task: Task) -> None:
         """See `Engine.start`."""
         remote = self.remote.options(
-            num_cpus=task.threads,
-            memory=task.memory,
-            max_retries=RETRIES,
-            name=f"{task.row} {task.stage}",
+            num_cpus=task.threads, memory=task.memory, max_retries=RETRIES, name=f"{task.row} {task.stage}"
         )
         self.running[remote.remote(task, self.settings)] = task
 
@@ -170,7 +167,7 @@ def connect(address: str) -> Any:
 
 @cache
 def code_version() -> str:
-    """Version, and a hash of the code: results are bit-equal only where it is the same."""
+    """Return the version with a hash of the code: results are bit-equal only where it is the same."""
     state = hashlib.sha256()
     package = ROOT / __package__.split(".")[0]
     for file in sorted(file for suffix in ("py", "cpp", "hpp") for file in package.rglob(f"*.{suffix}")):
@@ -206,7 +203,7 @@ def sees(url: str, name: str) -> bool:
 
 
 def _require_room(nodes: Sequence[dict[str, float]], tasks: Sequence[Task]) -> None:
-    """F4xError for a task that fits on no node: Ray would wait for such a node forever without a message."""
+    """Raise F4xError for a task that fits on no node: Ray would wait for such a node forever without a message."""
     for threads, memory, row in sorted({(t.threads, t.memory, t.row) for t in tasks}):
         if any(node.get("CPU", 0) >= threads and node.get("memory", 0) >= memory for node in nodes):
             continue

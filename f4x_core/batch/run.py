@@ -56,7 +56,7 @@ class Engine(Protocol):
         """Start a task without waiting for it."""
 
     def finished(self, timeout: float) -> list[tuple[Task, Outcome]]:
-        """Tasks that have ended, after waiting up to `timeout` seconds for the first."""
+        """Return tasks that have ended, after waiting up to `timeout` seconds for the first."""
 
     def progress(self) -> dict[tuple[str, str], tuple[str, int, int]]:
         """Return (row, stage) -> (step, done, total) of running tasks, as far as known."""
@@ -152,7 +152,10 @@ class Board:
     """The states of all rows of a batch. Counts are kept up to date, because the table reads them often."""
 
     def __init__(self, rows: Sequence[RowState], others: Sequence[RowState] = ()):
-        """`rows` are in the order of the manifest; `others` lie in the store and are not in the manifest."""
+        """Count the states of all tasks.
+
+        `rows` are in the order of the manifest; `others` lie in the store and are not in the manifest.
+        """
         self.rows = {each.row.name: each for each in rows}
         self.others = tuple(others)
         found = {task.kind for each in rows for task in each.tasks}
@@ -200,7 +203,7 @@ class Board:
         )
 
     def eta(self) -> float | None:
-        """Estimated seconds left, from the mean time of each kind of task; None until a task of every kind has finished."""
+        """Estimate the seconds left from the mean time of each kind of task; None until a task of every kind has finished."""
         left = 0.0
         for kind, counts in self.counts.items():
             seconds, ended = self.times[kind]

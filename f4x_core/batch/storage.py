@@ -31,7 +31,7 @@ class FolderStore:
     """A store in a folder, shared between machines or not. `local` is the folder; `url` opens the store on other machines too."""
 
     def __init__(self, path: Path):
-        """The folder is created with its first file."""
+        """Name the folder, which is created with its first file."""
         self.root = self.local = user_path(path).absolute()
         self.url = str(self.root)
 
@@ -86,7 +86,7 @@ class FolderStore:
         return found
 
     def folders(self) -> list[str]:
-        """Names of the folders at the top of the store, sorted."""
+        """Return the names of the folders at the top of the store, sorted."""
         return sorted(path.name for path in self.root.iterdir() if path.is_dir()) if self.root.is_dir() else []
 
     def _place(self, name: str) -> Path:
@@ -99,7 +99,7 @@ class RemoteStore:
     """A store behind a URL, with the methods of `FolderStore`; `local` is None."""
 
     def __init__(self, url: str):
-        """Raises F4xError if the library for the URL is not installed or the place cannot be reached."""
+        """Connect to the place. Raises F4xError if its library is not installed or it cannot be reached."""
         self.url, self.local = url.rstrip("/"), None
         self.system, self.root = _file_system(self.url)
 
@@ -198,7 +198,7 @@ def expand(pattern: str) -> list[str]:
 
 
 def join(folder: str, path: str) -> str:
-    """`path` relative to `folder`; absolute paths and URLs stay as they are."""
+    """Return `path` relative to `folder`; absolute paths and URLs stay as they are."""
     if not folder or URL in path or os.path.isabs(os.path.expanduser(path)):
         return path
     return f"{folder}/{path}" if URL in folder else os.path.join(folder, path)
@@ -218,11 +218,11 @@ class Digests:
     """Content hashes of paths. A local file is read again only if its size or modification time has changed."""
 
     def __init__(self, known: dict[str, list[str]] | None = None):
-        """`known` is the result of `to_json` in an earlier run."""
+        """Start from `known`, the result of `to_json` in an earlier run."""
         self.known = known or {}
 
     def to_json(self) -> dict[str, list[str]]:
-        """Path -> [fingerprint of sizes and modification times, content hash]."""
+        """Return a dictionary from path to [fingerprint of sizes and modification times, content hash]."""
         return self.known
 
     def digest(self, place: str) -> str:

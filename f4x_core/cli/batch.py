@@ -197,7 +197,7 @@ class Screen:
 
 
 def status_table(board: Board, engine: Engine) -> Table:
-    """Running rows and rows that failed last, a column for each kind of task, and total counts in the footer."""
+    """Return a table of the running and the last failed rows, a column for each kind of task, and total counts in the footer."""
     table = Table(box=None, pad_edge=False, show_footer=True)
     rows = list(board.rows.values())
     done = sum(each.state == DONE for each in rows)

@@ -127,7 +127,7 @@ def numbers_of(path: Path) -> list[str]:
     nodes = 0 if scene.scaffold is None else len(scene.scaffold)
     lines = [
         f"scene: {len(scene.static):,} static and {len(scene.dynamic):,} dynamic Gaussians, {nodes} nodes,"
-        f" {len(cameras)} frames of {cameras.width}x{cameras.height}",
+        f" {len(cameras)} frames of {cameras.width}x{cameras.height}"
     ]
     metrics = Path(path).with_name("metrics.json")
     if metrics.is_file():

@@ -145,7 +145,7 @@ def result_in_windows(fitted: Fitted) -> dict[str, Any]:
 
 
 def added_to(fitted: Fitted, number: int) -> dict[str, dict[str, Any]]:
-    """Further results for scene `number`: those of `f4x distill` and `f4x refit`, with their text."""
+    """Return further results of scene `number`, those of `f4x distill` and `f4x refit`, with their text."""
     added = {"features": distilled_result(fitted.features[number])} if fitted.features else {}
     return added | ({"linear_light": refitted_result(fitted.linear_light[number])} if fitted.linear_light else {})
 

@@ -85,5 +85,5 @@ def _stack_result(args: argparse.Namespace, stack: EditStack, moved: int, verb: 
 
 
 def count_of(count: int) -> str:
-    """ "1 edit", "2 edits"."""
+    """Return "1 edit", "2 edits"."""
     return f"{count} {plural('edit', count)}"

@@ -26,7 +26,7 @@ def run_report(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _laboratory(verb: str) -> Any:
-    """Module `benchmarks.VERB` of this checkout.
+    """Import the module `benchmarks.VERB` of this checkout.
 
     Raises:
         F4xError: this is an installation, which has no laboratory.

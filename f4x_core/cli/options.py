@@ -99,7 +99,7 @@ def fit_options(sub: argparse.ArgumentParser) -> None:
 
 
 def mark_options(sub: argparse.ArgumentParser, point: str) -> None:
-    """Marks on a frame of the clip; `point` is what that option is called."""
+    """Add the options of marks on a frame of the clip; `point` is the name of the option of a point."""
     sub.add_argument(
         point,
         dest="point",
@@ -132,7 +132,7 @@ def prompt_options(sub: argparse.ArgumentParser) -> None:
 
 
 def path_options(sub: argparse.ArgumentParser) -> None:
-    """A camera path."""
+    """Add the options of a camera path."""
     sub.add_argument(
         "--path",
         default="original",

@@ -73,7 +73,7 @@ class Once(argparse.Action):
 
 
 def _fit(verbs: Verbs) -> None:
-    """`f4x fit`."""
+    """Add the verb `f4x fit`."""
     sub = add_verb(verbs, "fit", "Turn a clip into DIR/scene.f4x.")
     sub.add_argument("clip", type=path_argument, nargs="?", help=CLIP)
     output_option(sub)
@@ -115,13 +115,13 @@ def _fit(verbs: Verbs) -> None:
 
 
 def _window(verbs: Verbs) -> None:
-    """`f4x window`, which `f4x fit` runs for each window of a long clip."""
+    """Add the verb `f4x window`, which `f4x fit` runs for each window of a long clip."""
     sub = add_verb(verbs, "window", None)
     sub.add_argument("request", type=path_argument, help="what `f4x fit` wrote")
 
 
 def _priors(verbs: Verbs) -> None:
-    """`f4x priors`."""
+    """Add the verb `f4x priors`."""
     sub = add_verb(verbs, "priors", "Only compute the priors of a clip into DIR/priors.")
     sub.add_argument("clip", type=path_argument, help=CLIP)
     output_option(sub, required=True)
@@ -130,7 +130,7 @@ def _priors(verbs: Verbs) -> None:
 
 
 def _distill(verbs: Verbs) -> None:
-    """`f4x distill`."""
+    """Add the verb `f4x distill`."""
     sub = add_verb(verbs, "distill", "Distil teachers' features into a scene: a latent on it, a head for each.")
     scene_option(sub)
     sub.add_argument("--teacher", metavar="NAME[,NAME]", help="whose features, see `f4x models list`")
@@ -156,7 +156,7 @@ def _distill(verbs: Verbs) -> None:
 
 
 def _refit(verbs: Verbs) -> None:
-    """`f4x refit`."""
+    """Add the verb `f4x refit`."""
     sub = add_verb(
         verbs, "refit", "Refit colours, opacities and scales for linear light: Blender 5.3's Cycles and EEVEE."
     )
@@ -169,7 +169,7 @@ def _refit(verbs: Verbs) -> None:
 
 
 def _render(verbs: Verbs) -> None:
-    """`f4x render`."""
+    """Add the verb `f4x render`."""
     sub = add_verb(verbs, "render", "Draw a scene along a camera path.")
     scene_option(sub)
     edits_option(sub)
@@ -208,7 +208,7 @@ def _render(verbs: Verbs) -> None:
 
 
 def _eval(verbs: Verbs) -> None:
-    """`f4x eval`."""
+    """Add the verb `f4x eval`."""
     sub = add_verb(verbs, "eval", "Measure a scene against its clip.")
     scene_option(sub)
     edits_option(sub)
@@ -227,14 +227,14 @@ def _eval(verbs: Verbs) -> None:
 
 
 def _info(verbs: Verbs) -> None:
-    """`f4x info`."""
+    """Add the verb `f4x info`."""
     sub = add_verb(verbs, "info", "What is in a scene file.")
     scene_option(sub)
     edits_option(sub)
 
 
 def _export(verbs: Verbs) -> None:
-    """`f4x export`."""
+    """Add the verb `f4x export`."""
     sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, SPZ, glTF, USD, points.")
     scene_option(sub, "a .f4x scene, splats (.ply, .splat, .spz, .glb) or a folder of numbered PLY")
     edits_option(sub)
@@ -251,7 +251,7 @@ def _export(verbs: Verbs) -> None:
 
 
 def _mesh(verbs: Verbs) -> None:
-    """`f4x mesh`."""
+    """Add the verb `f4x mesh`."""
     sub = add_verb(
         verbs,
         "mesh",
@@ -285,7 +285,7 @@ def _mesh(verbs: Verbs) -> None:
 
 
 def _open(verbs: Verbs) -> None:
-    """`f4x open`."""
+    """Add the verb `f4x open`."""
     sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
     scene_option(sub, "a .f4x scene or splats (.ply, .splat, .spz, .glb)")
     edits_option(sub)
@@ -299,7 +299,7 @@ def _open(verbs: Verbs) -> None:
 
 
 def _query(verbs: Verbs) -> None:
-    """`f4x query`."""
+    """Add the verb `f4x query`."""
     sub = add_verb(
         verbs, "query", "Select what words and marks on a frame mean, alone or together: Gaussians and masks."
     )
@@ -314,7 +314,7 @@ def _query(verbs: Verbs) -> None:
 
 
 def _name(verbs: Verbs) -> None:
-    """`f4x name`."""
+    """Add the verb `f4x name`."""
     sub = add_verb(
         verbs, "name", "Teach the scene a word: what a click, a box or a mask selects answers to it from then on."
     )
@@ -326,7 +326,7 @@ def _name(verbs: Verbs) -> None:
 
 
 def _ask(verbs: Verbs) -> None:
-    """`f4x ask`."""
+    """Add the verb `f4x ask`."""
     sub = add_verb(verbs, "ask", "Ask a scene a question; the answer names who gave it.")
     scene_option(sub)
     edits_option(sub)
@@ -344,7 +344,7 @@ def _ask(verbs: Verbs) -> None:
 
 
 def _edit(verbs: Verbs) -> None:
-    """`f4x edit`."""
+    """Add the verb `f4x edit`."""
     sub = add_verb(verbs, "edit", "Append edits to a scene; what is in its arrays never changes.")
     scene_option(sub)
     how = sub.add_mutually_exclusive_group(required=True)
@@ -374,7 +374,7 @@ def _edit(verbs: Verbs) -> None:
 
 
 def _history(verbs: Verbs) -> None:
-    """`f4x history`."""
+    """Add the verb `f4x history`."""
     sub = add_verb(verbs, "history", "The edits of a scene, and what `redo` would bring back.")
     scene_option(sub)
 
@@ -388,14 +388,14 @@ def _undo_redo(verbs: Verbs) -> None:
 
 
 def _bake(verbs: Verbs) -> None:
-    """`f4x bake`."""
+    """Add the verb `f4x bake`."""
     sub = add_verb(verbs, "bake", "Fold the edits of a scene into the arrays of a new one.")
     scene_option(sub)
     output_option(sub, "SCENE2", required=True)
 
 
 def _serve(verbs: Verbs) -> None:
-    """`f4x serve`."""
+    """Add the verb `f4x serve`."""
     sub = add_verb(verbs, "serve", "Let agents look at, question and edit scenes, through the Model Context Protocol.")
     sub.add_argument("target", type=path_argument, metavar="SCENE|FOLDER", help="the one scene, or folder, they see")
     sub.add_argument("--mcp", action="store_true", required=True, help="the protocol; on standard input and output")
@@ -411,7 +411,7 @@ def _serve(verbs: Verbs) -> None:
 
 
 def _features(verbs: Verbs) -> None:
-    """`f4x features`."""
+    """Add the verb `f4x features`."""
     sub = add_verb(verbs, "features", "Let teachers look at a clip: feature maps in DIR/features/TEACHER.")
     sub.add_argument("clip", type=path_argument, help=CLIP)
     output_option(sub, required=True)
@@ -429,14 +429,14 @@ def _features(verbs: Verbs) -> None:
 
 
 def _models(verbs: Verbs) -> None:
-    """`f4x models`."""
+    """Add the verb `f4x models`."""
     sub = add_verb(verbs, "models", "Teachers and weights: what there is, fetch one, or where it lies.")
     sub.add_argument("what", choices=("list", "get", "path"))
     sub.add_argument("name", nargs="?", help="of the weights, or of a teacher")
 
 
 def _batch(verbs: Verbs) -> None:
-    """`f4x batch`."""
+    """Add the verb `f4x batch`."""
     sub = add_verb(
         verbs, "batch", "Many clips: every row of a manifest, in processes of this machine or on a Ray cluster."
     )
@@ -462,7 +462,7 @@ def _batch(verbs: Verbs) -> None:
 
 
 def _doctor(verbs: Verbs) -> None:
-    """`f4x doctor`."""
+    """Add the verb `f4x doctor`."""
     sub = add_verb(verbs, "doctor", "What this machine has, and whether it works.")
     sub.add_argument("code", nargs="?", help="explain this code of an error, such as F4X-CLIP, instead")
     sub.add_argument("--report", action="store_true", help="as Markdown for an issue, without paths and names")
@@ -472,7 +472,7 @@ def _doctor(verbs: Verbs) -> None:
 
 
 def _bench(verbs: Verbs) -> None:
-    """`f4x bench`."""
+    """Add the verb `f4x bench`."""
     sub = add_verb(verbs, "bench", "Speed against error of the kernels on this machine; needs a checkout.")
     sub.add_argument("what", choices=("raster", "deform", "step", "features", "edit", "select", "scale"))
     sub.add_argument("--clips", type=int, default=8, metavar="N", help="small clips that are fitted, 0 to 8 (scale)")
@@ -498,7 +498,7 @@ def _bench(verbs: Verbs) -> None:
 
 
 def _bench_scene(sub: argparse.ArgumentParser) -> None:
-    """The scene, clip and truth that `f4x bench features`, `edit`, `select` and `step` measure."""
+    """Add the options for the scene, clip and truth that `f4x bench features`, `edit`, `select` and `step` measure."""
     sub.add_argument(
         "--scene",
         type=path_argument,
@@ -545,17 +545,10 @@ def _bench_scene(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--features", type=path_argument, metavar="DIR", help="folder of maps for --times (default: beside the scene)"
     )
-    sub.add_argument(
-        "--sam2",
-        nargs="?",
-        const="random",
-        metavar="MODEL",
-        help="SAM 2 without its encoder against the whole; with random weights where no MODEL is given (features)",
-    )
 
 
 def _report(verbs: Verbs) -> None:
-    """`f4x report`."""
+    """Add the verb `f4x report`."""
     sub = add_verb(
         verbs,
         "report",
@@ -574,7 +567,7 @@ def _report(verbs: Verbs) -> None:
 
 
 def _demo(verbs: Verbs) -> None:
-    """`f4x demo`."""
+    """Add the verb `f4x demo`."""
     sub = add_verb(
         verbs, "demo", "A short rendered clip, which needs a checkout, or your own one all the way to a Blender file."
     )

@@ -154,7 +154,7 @@ def _marks(scene: Scene, args: argparse.Namespace) -> list[Mark]:
 
 
 def _line(text: str, flag: str) -> list[list[float]]:
-    """[[x, y], ...] of "X,Y X,Y …"."""
+    """Parse "X,Y X,Y …" as [[x, y], ...]."""
     return [_numbers(pair, 2, flag, "'X,Y X,Y …'") for pair in text.split()]
 
 

@@ -11,7 +11,7 @@ from ..progress import Progress
 
 
 def run_refit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Refit a scene for renderers that blend in linear light, in place."""
+    """Run `f4x refit`: refit a scene, in place, for renderers that blend in linear light."""
     config = LinearConfig(steps=args.steps, seed=args.seed, threads=args.threads or 0)
     return refitted_result(refit_file(args.scene, config, args.resume, progress))
 

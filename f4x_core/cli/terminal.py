@@ -29,7 +29,7 @@ class ErrorConsole(Console):
     """Standard error for lines, bars and tables. Names cannot steer it; what it cannot take is left out, for work goes on."""
 
     def __init__(self, quiet: bool = False):
-        """Text is printed as it is: no markup, no highlighting, no wrapping."""
+        """Print text on standard error as it is: no markup, no highlighting, no wrapping."""
         super().__init__(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
 
     def render_str(self, text: str, **options: Any) -> Text:
@@ -66,9 +66,7 @@ class TerminalProgress:
             MofNCompleteColumn(),
             TimeElapsedColumn(),
             TextColumn(
-                "{task.fields[message]}",
-                markup=False,
-                table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+                "{task.fields[message]}", markup=False, table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")
             ),
             console=self.console,
             expand=True,

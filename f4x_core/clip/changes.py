@@ -109,7 +109,7 @@ class _View:
 
 
 def _surroundings(views: Iterable[_View]) -> Iterator[tuple[list[_View], list[_View]]]:
-    """For every view but the first: the at most `AROUND` ones before it, and as many from it on."""
+    """Yield for every view but the first the at most `AROUND` ones before it, and as many from it on."""
     latest: deque[_View | None] = deque([None] * 2 * AROUND, maxlen=2 * AROUND)
     for view in chain(views, repeat(None, AROUND - 1)):
         latest.append(view)

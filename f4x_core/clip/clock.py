@@ -110,7 +110,7 @@ def _mended(stamps: np.ndarray) -> np.ndarray | None:
 
 
 def _unevenness(stamps: np.ndarray, span: list[int]) -> tuple[int, float]:
-    """Unevenness of `stamps`, of which those of `span` were put between their neighbours: two have to gain twice as much."""
+    """Return the unevenness of `stamps`; those of `span` were put between neighbours and have to gain twice as much."""
     return int((np.diff(stamps) <= 0).sum()), float(np.abs(np.diff(stamps, 2)).sum()) * len(span)
 
 
@@ -127,7 +127,7 @@ def _without(stamps: np.ndarray, span: list[int]) -> np.ndarray:
 
 
 def rate_without_repeats(seconds: Sequence[float] | np.ndarray, rate: float) -> float:
-    """The constant rate whose frames a source of `rate` shows first at `seconds (T,)`, each for one or more of its own; 0: none.
+    """Return the constant rate whose frames a source of `rate` first shows at `seconds (T,)`, each at least once; 0: none.
 
     24 frames a second shown as 30 are such: every fourth is shown twice.
     """

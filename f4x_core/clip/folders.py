@@ -103,7 +103,7 @@ def frames_in(folder: Path) -> Frames:
 
 
 def why_unreadable(folder: Path) -> str:
-    """Advice for a folder that has pictures or films and no frame that can be read; empty where it has neither."""
+    """Return advice for a folder with images or films and no readable frame; empty where it has neither."""
     files = folder.iterdir() if folder.is_dir() else ()
     kinds = {file.suffix.lower() for file in files if not file.name.startswith(".")} & OTHERS
     listed = ", ".join(sorted(kinds))

@@ -42,7 +42,7 @@ def to_srgb(code: np.ndarray, transfer: Transfer) -> np.ndarray:
 
 
 def _mobius(light: np.ndarray) -> np.ndarray:
-    """Light above `KNEE` bent below 1, which `PEAK` reaches; `tonemap_mobius` of FFmpeg's filter `tonemap`."""
+    """Compress light above `KNEE` below 1, which `PEAK` reaches; `tonemap_mobius` of FFmpeg's filter `tonemap`."""
     peak = PEAK / WHITE
     a = -(KNEE**2) * (peak - 1) / (KNEE**2 - 2 * KNEE + peak)
     b = (KNEE**2 - 2 * KNEE * peak + peak) / (peak - 1)

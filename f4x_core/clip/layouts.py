@@ -111,7 +111,7 @@ def find_layout(folder: Path) -> Layout:
 
 
 def davis(folder: Path) -> Layout | None:
-    """DAVIS: `JPEGImages/480p/NAME`, `Annotations/480p/NAME`; `folder` is the sequence, ROOT/NAME, or a ROOT of one."""
+    """Read DAVIS: `JPEGImages/480p/NAME`, `Annotations/480p/NAME`; `folder` is the sequence, ROOT/NAME, or a ROOT of one."""
     if folder.parent.parent.name == "JPEGImages":
         sequence = folder
     elif (folder.parent / "JPEGImages").is_dir() and not folder.exists():
@@ -134,7 +134,7 @@ def davis(folder: Path) -> Layout | None:
 
 
 def dycheck(folder: Path) -> Layout | None:
-    """DyCheck and Nerfies: `rgb/1x`, `camera/ID.json`, `dataset.json`, optional `metadata.json`, `splits/`, `depth/1x`.
+    """Read DyCheck and Nerfies: `rgb/1x`, `camera/ID.json`, `dataset.json`, optional `metadata.json`, `splits/`, `depth/1x`.
 
     The clip is the one hand-held camera in order of time (of Nerfies' pair the left one, DyCheck's split `mono`); the others
     are in `dycheck_novel`. `scene.json` only recentres and rescales, so cameras and depth stay in the units of the capture.
@@ -191,7 +191,7 @@ def _scale(folder: Path) -> str | None:
 
 
 def nvidia(folder: Path) -> Layout | None:
-    """NVIDIA scenes as in RoDynRF: `poses_bounds.npy` (LLFF) beside `images/` or `rgb/`, one pose per picture."""
+    """Read NVIDIA scenes as in RoDynRF: `poses_bounds.npy` (LLFF) beside `images/` or `rgb/`, one pose per image."""
     file = folder / "poses_bounds.npy"
     if not file.exists():
         return None
@@ -240,7 +240,7 @@ def find_novel(folder: Path) -> list[Layout]:
 
 
 def dycheck_novel(folder: Path) -> list[Layout]:
-    """DyCheck's and Nerfies' other cameras, at times of the clip; `masks` = `covisible/` where it is complete."""
+    """Read DyCheck's and Nerfies' other cameras, at times of the clip; `masks` = `covisible/` where it is complete."""
     if dycheck(folder) is None:
         return []
     learnt, kept = _dycheck_items(folder)
@@ -266,7 +266,7 @@ def _covisible(folder: Path, images: list[Path]) -> list[Path]:
 
 
 def nvidia_novel(folder: Path) -> list[Layout]:
-    """NVIDIA as RoDynRF measures it: `gt/v000_t000.png ...` in the scene or `../gt/SCENE`, what view v sees at time t.
+    """Read NVIDIA's views as RoDynRF measures them: `gt/v000_t000.png ...` in the scene or `../gt/SCENE`, view v at time t.
 
     View v is the camera of picture v of the clip: the one of view 0 never moves.
     """
@@ -295,7 +295,7 @@ def nvidia_novel(folder: Path) -> list[Layout]:
 
 
 def dycheck_keypoints(folder: Path) -> tuple[dict[int, Path], int]:
-    """Frame of the clip -> `keypoint/2x/SPLIT/ID.json`, and the factor of their pixels (2); none where there are none."""
+    """Return a dictionary from clip frame to `keypoint/2x/SPLIT/ID.json`, and the factor of their pixels (2); empty without any."""
     scale = _scale(folder / "keypoint")
     if scale is None or dycheck(folder) is None:
         return {}, 1
@@ -355,7 +355,7 @@ def _nerfies_intrinsics(camera: dict[str, Any]) -> np.ndarray:
 
 
 def _nerfies_poses(cameras: list[dict[str, Any]]) -> np.ndarray:
-    """`orientation` is the world-to-camera rotation, `position` the camera centre."""
+    """Return world_to_camera from `orientation`, the world-to-camera rotation, and `position`, the camera centre."""
     rotations = np.array([camera["orientation"] for camera in cameras], np.float64)
     return _world_to_camera(rotations, np.array([camera["position"] for camera in cameras], np.float64))
 

@@ -146,7 +146,7 @@ def _box(place: tuple[float, float], size: tuple[float, float, float], texture: 
 
 
 def _grid() -> tuple[RenderedScene, ...]:
-    """Camera path against object motion, 3 x 3: everything else is the same."""
+    """Return scenes of each of 3 camera paths with each of 3 object motions; everything else is the same."""
     return tuple(
         RenderedScene(
             f"grid-{path}-{motion}",

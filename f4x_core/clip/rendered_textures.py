@@ -38,7 +38,7 @@ def noise(random: np.random.Generator, cells: int) -> np.ndarray:
 
 
 def _colours(random: np.random.Generator) -> np.ndarray:
-    """Different colours (COLOURS,3) of middling saturation, dark and light ones."""
+    """Return different colors (COLOURS,3) of middling saturation, dark and light ones."""
     hue = (random.random() + np.arange(COLOURS) / COLOURS + random.uniform(-0.06, 0.06, COLOURS)) % 1
     wheel = np.clip(np.abs((hue[:, None] * 6 + np.array([0.0, 4.0, 2.0])) % 6 - 3) - 1, 0, 1)
     saturation, value = random.uniform(0.1, 0.5, COLOURS), random.uniform(0.2, 0.8, COLOURS)
@@ -74,7 +74,7 @@ def _checks(random: np.random.Generator) -> np.ndarray:
 
 
 def _clouds(random: np.random.Generator) -> np.ndarray:
-    """Steps of fractal noise."""
+    """Return fractal noise in steps."""
     octaves = np.stack([noise(random, 2**k) / 2**k for k in (2, 3, 4)])
     fractal = octaves.sum(0)
     ranks = np.argsort(np.argsort(fractal.ravel())).reshape(fractal.shape)

@@ -347,7 +347,7 @@ def _kind(stream) -> str:
 
 
 def _film(container):
-    """The stream of moving pictures with the most frames; of those with as many but a few the largest, of these the first."""
+    """Return the video stream with the most frames; of those with nearly as many the largest, of these the first."""
     films = _candidates(container)
     if len(films) < 2:
         return films[0]
@@ -361,7 +361,7 @@ def _film(container):
 
 
 def _decoder(stream):
-    """The decoder of a stream, whose frames carry what their packets were marked with."""
+    """Return the decoder of a stream; its frames carry the marks of their packets."""
     from av import Codec, CodecContext, codecs_available
     from av.codec.context import Flags
 

@@ -84,11 +84,11 @@ class EditedScene(Scene):
         return self._program[1]
 
     def posed(self, time: float) -> PosedSplats:
-        """All Gaussians at clip time `time` (frame index, float allowed), copies last; N and order are the same always."""
+        """Return all Gaussians at clip time `time` (frames, float allowed), copies last; N and order are the same at all times."""
         return self.part(time, EVERY)
 
     def part(self, time: float, rows: Wanted) -> PosedSplats:
-        """Only the Gaussians `rows` of `posed(time)`, without computing the placement of the others."""
+        """Return the Gaussians `rows` of `posed(time)`, without computing where the others are."""
         self._moments.clear()
         means, quats, scales, presence, tint = self._placement(len(self.steps), time, rows)
         opacities, sh = self.appearance(time, rows)
@@ -98,25 +98,25 @@ class EditedScene(Scene):
         return PosedSplats(means, quats, scales, opacities, sh, ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
 
     def appearance(self, time: float, rows: Wanted = EVERY) -> Appearance:
-        """Appearance of the Gaussians `rows` at `time`, whatever their placement and presence."""
+        """Return the appearance of the Gaussians `rows` at `time`, as if all were present."""
         return self._appearance(len(self.steps), time, rows)
 
     def tint(self, time: float) -> np.ndarray:
-        """(N,3) float32 what is added to the colors at `time`, (N,0) in a scene whose colors stay."""
+        """Return the shift (N,3) float32 of the colors at `time`; (N,0) in a scene whose colors stay."""
         self._moments.clear()
         tint = self._placement(len(self.steps), time, EVERY).tint
         return tint if self.tints is None else self._passed(tint, self.appearance(time).sh, EVERY)
 
     def _passed(self, tint: np.ndarray, sh: np.ndarray, rows: Wanted) -> np.ndarray:
-        """(n,3) the `tint (n,3)` of Gaussians `rows` after edits that made harmonics `sh (n,S,3)` of the base's."""
+        """Return `tint (n,3)` of the Gaussians `rows`, scaled as edits scaled their harmonics to `sh (n,S,3)`."""
         return tint * gain_of(self._constant["sh"][self.rows.origin[rows]], sh)
 
     def latents(self) -> np.ndarray:
-        """(N,D) float32 latents of the feature field, in the order of `posed`; a copy has those of its original."""
+        """Return the latents (N,D) float32 of the feature field in the order of `posed`; a copy has those of its original."""
         return super().latents()[self.rows.origin]
 
     def info(self) -> dict[str, Any]:
-        """The summary of the base, with counts after the edits under `edited`."""
+        """Return the summary of the base scene, with counts after the edits under `edited`."""
         there = len(super().ids)
         counts = {
             "gaussians": int((~self.gone).sum()),
@@ -174,7 +174,7 @@ class EditedScene(Scene):
         return {}
 
     def _base(self, time: float) -> Placement:
-        """Placement of all Gaussians before any edit at `time`."""
+        """Return the placement of all Gaussians before any edit at `time`."""
         self._moments.add(time)
         if len(self._moments) > MAX_MOMENTS:
             raise F4xError(
@@ -191,7 +191,7 @@ class EditedScene(Scene):
         return kept[time]
 
     def _placement(self, depth: int, time: float, rows: Wanted) -> Placement:
-        """Placement of `rows` after `depth` edits at `time`."""
+        """Return the placement of `rows` after the first `depth` edits at `time`."""
         start = self._last_reader(depth)
         if start:
             state, copy = self._read(self._placement, start, time, rows)
@@ -206,7 +206,7 @@ class EditedScene(Scene):
         return state
 
     def _appearance(self, depth: int, time: float, rows: Wanted) -> Appearance:
-        """Appearance of `rows` after `depth` edits at `time`."""
+        """Return the appearance of `rows` after the first `depth` edits at `time`."""
         if depth == self._static_depth:
             return Appearance(*(part[rows] for part in self._static_appearance))
         return self._compute_appearance(depth, time, rows)
@@ -232,7 +232,7 @@ class EditedScene(Scene):
     def _read(
         self, fetch: Callable[[int, float, Wanted], State], depth: int, time: float, rows: Wanted, still: bool = False
     ) -> tuple[State, np.ndarray]:
-        """(State that edit number `depth` reads for `rows`, in their order; the number of each row's copy).
+        """Return (the state that edit number `depth` reads for `rows`, in their order; the number of each row's copy, 0: none).
 
         `still`: the state is the same at all times.
         """
@@ -250,7 +250,7 @@ class EditedScene(Scene):
         return type(parts[0])(*(np.concatenate(arrays)[place] for arrays in zip(*parts, strict=True))), copy
 
     def after(self, depth: int) -> SplatRows:
-        """The Gaussians after the first `depth` steps."""
+        """Return the rows after the first `depth` steps."""
         return self.steps[depth].before if depth < len(self.steps) else self.rows
 
     def _apply_placement(self, below: int, time: float, rows: Wanted, state: Placement) -> Placement:
@@ -266,8 +266,10 @@ class EditedScene(Scene):
         return put(state, chosen, step.edit.operation.placed(before, fraction, pivot))
 
     def pivot(self, below: int, kind: str, time: float, state: Placement | None = None) -> np.ndarray:
-        """(3,) the "centroid" or "base" of the thing that edit number `below` (0 = first) changes, at `time`; `state`: all rows
-        before it, if known."""
+        """Return the "centroid" or "base" (3,) of the thing that edit number `below` (0 = first) changes, at `time`.
+
+        `state`: the placement of all rows before that edit, if it is known.
+        """
         step = self.steps[below]
         whom = step.thing & ~step.before.gone
         about = np.flatnonzero(whom if whom.any() else step.thing)
@@ -283,7 +285,7 @@ class EditedScene(Scene):
         return step.edit.operation.shown(state, chosen, fraction, Looking(self, below, time, rows, state))
 
     def _growth(self, below: int) -> np.ndarray:
-        """(n,) float32 how many times as large the transforms that last, before edit number `below` (0 = first), made each row.
+        """Return the factors (n,) float32 by which lasting transforms before edit number `below` (0 = first) enlarged each row.
 
         Those that take their time are left out, so that opacities stay the same at all times.
         """
@@ -313,7 +315,7 @@ class Looking:
     """The scene as an operation sees it while it changes the appearance of Gaussians; each value is computed on demand."""
 
     def __init__(self, scene: EditedScene, below: int, time: float, rows: Wanted, state: Appearance):
-        """Of edit number `below` (0 = first) for Gaussians `rows` at `time`, which have `state` before it."""
+        """Look at the Gaussians `rows` at `time` from edit number `below` (0 = first), before which they have `state`."""
         self.scene, self.below, self.time, self.rows, self.state = scene, below, time, rows, state
         self.step = scene.steps[below]
 
@@ -352,7 +354,7 @@ class Looking:
 
 
 def _untimed(edit: Edit) -> Edit:
-    """The edit, switched off where it retimes; a copy without its delay."""
+    """Return the edit without its effect on time: a retiming is switched off, a copy loses its delay."""
     if edit.operation.time_map((0.0, 1.0)) is not None:
         return replace(edit, enabled=False)
     untimed = edit.operation.untimed()
@@ -360,7 +362,7 @@ def _untimed(edit: Edit) -> Edit:
 
 
 def edited(scene: Scene) -> Scene:
-    """The scene as its enabled edits leave it; a scene without edits is returned as it is. F4xError names a wrong edit."""
+    """Return the scene as its enabled edits leave it, itself where it has none. F4xError names a wrong edit."""
     if isinstance(scene, EditedScene) or not scene.edits:
         return scene
     whole = EditedScene(**{entry.name: getattr(scene, entry.name) for entry in fields(scene)})
@@ -369,7 +371,7 @@ def edited(scene: Scene) -> Scene:
 
 
 def base_of(scene: Scene) -> Scene:
-    """The scene with the same stack and no edit applied: the argument of `edited`."""
+    """Return the scene with the same stack and no edit applied: the argument of `edited`."""
     if not isinstance(scene, EditedScene):
         return scene
     return Scene(**{entry.name: getattr(scene, entry.name) for entry in fields(scene)})
@@ -395,14 +397,14 @@ def open_with(path: Path, edits: str) -> Scene:
 
 
 def next_id(scene: Scene) -> int:
-    """The first Gaussian id that no copy of any edit has, disabled ones included: `first_id` of the next `duplicate`."""
+    """Return the first Gaussian id that no copy of any edit has, disabled ones included: `first_id` of the next `duplicate`."""
     everything = tuple(replace(edit, enabled=True) for edit in of(scene).edits)
     ids = steps_of(scene, everything)[1].ids
     return max(scene.next_id, int(ids.max(initial=-1)) + 1)
 
 
 def with_operations(scene: Scene, *operations: Change, sentence: str = "") -> Scene:
-    """The edited scene with operations appended to its stack, ids for copies reserved where they are missing."""
+    """Return the edited scene with operations appended to its stack; ids for copies are reserved where they are missing."""
     scene = base_of(scene)
     for operation in operations:
         if getattr(operation, "first_id", 0) < 0:
@@ -412,5 +414,5 @@ def with_operations(scene: Scene, *operations: Change, sentence: str = "") -> Sc
 
 
 def stack_of(scene: Scene, *operations: Change, sentence: str = "") -> EditStack:
-    """The stack of `with_operations`, checked."""
+    """Return the stack of `with_operations`, checked."""
     return of(with_operations(scene, *operations, sentence=sentence))

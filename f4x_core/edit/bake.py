@@ -45,7 +45,7 @@ NEAR = 0.05
 
 
 def bake(scene: Scene) -> Scene:
-    """The scene with its edits folded in; those that no arrays can hold stay in the stack, and names too. See `_bake`.
+    """Return the scene with its edits folded into its arrays; names, and edits that no arrays can hold, stay in the stack.
 
     An appearance for linear light (`scene.linear`) is baked alike; where other edits can be folded into it, it is left out.
     """
@@ -63,7 +63,7 @@ def unfolded(baked: Scene) -> list[Edit]:
 
 
 def _bake(scene: Scene) -> Scene:
-    """The scene with its edits folded in; those that no arrays can hold stay in the stack, and names too.
+    """Return the scene with its edits folded into its arrays; names, and edits that no arrays can hold, stay in the stack.
 
     Gaussians keep their ids, copies have theirs; deleted ones are dropped, nodes that nobody follows any longer too. Edits that
     are switched off or undone are left behind. Raises F4xError where an edit is wrong.
@@ -85,7 +85,7 @@ def _bake(scene: Scene) -> Scene:
 
 
 def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
-    """Numbers of edits, from the first on, that may be folded, largest first; the next ends before one that shows another time."""
+    """Yield how many of the first edits may be folded, the most first; fewer end before an edit that shows another time."""
     whole = edited(with_stack(scene, EditStack(active)))
     steps = whole.steps if isinstance(whole, EditedScene) else ()
     # what comes and goes is there by the clip's clock: edits that show other moments of it cannot be folded
@@ -113,12 +113,12 @@ def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, f
 
 
 def _spelt(edit: Edit, rows: SplatRows) -> Any:
-    """The operation with `moving` as ids: edits that are folded in make Gaussians move that did not."""
+    """Return the operation with `moving` spelt out as ids: folded edits make Gaussians move that did not."""
     return mapped(edit.operation, lambda value: Ids.of(rows.ids[rows.carried]) if isinstance(value, Moving) else None)
 
 
 def _off(scene: Scene, baked: Scene) -> float:
-    """Maximum error, in pixels, of the Gaussians of the baked scene at clip frames."""
+    """Return the maximum error, in pixels, of the Gaussians of the baked scene over the clip's frames."""
     place = np.argsort(scene.ids)
     row = place[np.searchsorted(scene.ids[place], baked.ids)]
     worst = 0.0
@@ -157,12 +157,12 @@ class _Group:
         return still and bool((self.moments == times).all())
 
     def moved(self, points: np.ndarray) -> np.ndarray:
-        """`points (F, n, 3)` moved by G(t) (float64)."""
+        """Return `points (F,n,3)` moved by G(t), float64."""
         return self.scale * quaternion.rotate(self.turns[:, None], points) + self.shifts[:, None]
 
 
 def _histories(scene: EditedScene, there: np.ndarray) -> list[np.ndarray]:
-    """The rows `there (N,) bool` by what moves them: those of one group were chosen by the same steps, as the same copies."""
+    """Return the rows `there (N,) bool` in groups that move alike: the same steps chose them, as copies of the same number."""
     code = SplatRows.of(base_of(scene)).carried.astype(np.int64)
     for depth, step in enumerate(scene.steps, 1):
         part: np.ndarray = step.chosen.astype(np.int64)
@@ -189,7 +189,7 @@ def _group(scene: EditedScene, rows: np.ndarray, times: np.ndarray) -> _Group:
 
 
 def _track(scene: EditedScene, row: int, time: float) -> tuple[float, Motion]:
-    """(w(time), G(time)) of one row: back through the steps, each at the moment that the one after it shows."""
+    """Return (w(time), G(time)) of one row: back through the steps, each at the moment that the one after it shows."""
     whole, last = NO_MOTION, float(scene.cameras.times[-1])
     for below in range(len(scene.steps) - 1, -1, -1):
         step = scene.steps[below]
@@ -206,7 +206,7 @@ def _track(scene: EditedScene, row: int, time: float) -> tuple[float, Motion]:
 
 
 def _folded(scene: EditedScene, drop: bool) -> Scene:
-    """The scene with all its edits in its arrays, up to what nodes cannot hold exactly; its stack is empty.
+    """Return the scene with all its edits in its arrays, up to what nodes cannot hold exactly, and an empty stack.
 
     `drop`: leave out what is deleted. Else it is there with opacity 0, as later edits count on it.
     """
@@ -264,7 +264,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
 
 
 def _tints(scene: EditedScene, tints: Tints, static: np.ndarray, dynamic: np.ndarray) -> dict[str, np.ndarray]:
-    """Members of `Scene.extra`: the tints of rows `static` and `dynamic` of the edited scene, as its edits leave them."""
+    """Return the tints of rows `static` and `dynamic` as the edits leave them: members of `Scene.extra`."""
     parts = [np.zeros((len(rows), len(tints.times), 3), np.int8) for rows in (static, dynamic)]
     for k, time in enumerate(tints.times):
         added = scene.tint(float(time))
@@ -274,7 +274,7 @@ def _tints(scene: EditedScene, tints: Tints, static: np.ndarray, dynamic: np.nda
 
 
 def _spans(base: Scene, origin: np.ndarray) -> np.ndarray | None:
-    """(n,4) when the Gaussians that come from rows `origin (n,)` of `base.posed` are there; None where all always are."""
+    """Return the times (n,4) at which Gaussians from rows `origin (n,)` of `base.posed` are present; None where all always are."""
     if not base.fades:
         return None
     always = (-np.inf, -np.inf, np.inf, np.inf)
@@ -286,7 +286,7 @@ def _spans(base: Scene, origin: np.ndarray) -> np.ndarray | None:
 
 
 def _with_knots(base: Scene, scaffold: Scaffold, times: np.ndarray) -> Scene:
-    """The scene with knots of its curves at all of `times`: new nodes are then right at every clip frame."""
+    """Return the scene with curves that have knots at all of `times`, so that new nodes are right at every clip frame."""
     reference = np.searchsorted(times, scaffold.times[base.dynamic.reference]).astype(np.int32)
     return replace(base, scaffold=resample_in_time(scaffold, times), dynamic=replace(base.dynamic, reference=reference))
 
@@ -312,7 +312,7 @@ class _Nodes:
     """The nodes of the folded scene while groups are added, and who follows them."""
 
     def __init__(self, base: Scene, times: np.ndarray, curves: Scaffold | None):
-        """`curves`: the scaffold with the knots it came with, between which every other knot would bend it."""
+        """Begin without new nodes; `curves` is the scaffold with its own knots alone, as any other knot would bend it."""
         self.base, self.times = base, times
         self.old = _no_nodes(times) if base.scaffold is None else base.scaffold
         self.curves = curves or self.old
@@ -384,7 +384,7 @@ class _Nodes:
         self._add_bare(group, np.tile(np.median(static.means, 0), (len(latents), 1)), latents, static.means.std())
 
     def _add_bare(self, group: _Group, points: np.ndarray, latents: np.ndarray, radius: float = 0.0) -> None:
-        """Nodes at `points (m,3)` of the base that do nothing but move by G(t)."""
+        """Add nodes at `points (m,3)` of the base scene that only move by G(t)."""
         times, (count, slots) = len(self.times), (len(points), self.old.neighbours.shape[1])
         own = self.count + np.arange(count)
         self.added.append(
@@ -400,7 +400,7 @@ class _Nodes:
         )
 
     def finish(self, scene: EditedScene) -> tuple[DynamicSet, Scaffold | None, np.ndarray, np.ndarray]:
-        """(the Gaussians that move, the scaffold, its latents (M,D), rows of the Gaussians in the edited scene)."""
+        """Return (the dynamic Gaussians, the scaffold, its latents (M,D), rows of these Gaussians in the edited scene)."""
         base = self.base
         if not self.followers:
             return DynamicSet.empty(), None, self.latents[:0], np.zeros(0, int)
@@ -446,7 +446,7 @@ class _Nodes:
         return DynamicSet(**arrays).take(order), scaffold, latents[place >= 0], rows[order]
 
     def _scaffold(self) -> tuple[Scaffold, np.ndarray]:
-        """(all nodes, old ones first; their latents (M,D))."""
+        """Return (all nodes, old ones first; their latents (M,D))."""
         old, new = self.old, self.added
         first = int(old.ids.max(initial=-1)) + 1
         scaffold = replace(
@@ -482,13 +482,13 @@ class _NewNodes(NamedTuple):
 
 
 def _no_nodes(times: np.ndarray) -> Scaffold:
-    """A scaffold without nodes for a scene in which nothing moved before its edits."""
+    """Return a scaffold without nodes, for a scene that was static before its edits."""
     arrays = empty_arrays(SCAFFOLD_ARRAYS, F=len(times), K=1)
     return Scaffold(**{**arrays, "times": times}, unit=LONE_UNIT)
 
 
 def _kinds(latents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(kind (n,), latents (k,D)) of `latents (n,D)`: up to `ANCHORS` of them, the farthest apart, and whom each is nearest."""
+    """Return up to `ANCHORS` of `latents (n,D)`, the farthest apart, as (the nearest one of each (n,), those (k,D))."""
     values = latents.astype(np.float32)
     chosen, nearest = [0], np.full(len(values), np.inf)
     kind = np.zeros(len(values), int)
@@ -502,12 +502,12 @@ def _kinds(latents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _taken(array: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Rows `index (n,)` of `array`, zeros where it is negative: Gaussians that only now belong to the dynamic set."""
+    """Return the rows `index (n,)` of `array`, zeros where it is negative: Gaussians that only now belong to the dynamic set."""
     taken = np.zeros((len(index), *array.shape[1:]), array.dtype)
     taken[index >= 0] = array[index[index >= 0]]
     return taken
 
 
 def _widened(array: np.ndarray, slots: int, mode: Literal["edge", "constant"]) -> np.ndarray:
-    """`array (n,K)` with `slots` columns: the last one repeated, or zeros."""
+    """Return `array (n,K)` with `slots` columns: the last one repeated, or zeros."""
     return np.pad(array, ((0, 0), (0, slots - array.shape[1])), mode=mode)

@@ -116,7 +116,7 @@ class Change(Record):
         return self.span or ()
 
     def fraction(self, time: float, last: float) -> float:
-        """Completed fraction of it at `time`, 0 to 1; `last`: the clip's last frame."""
+        """Return the completed fraction of the change at `time`, 0 to 1; `last`: the clip's last frame."""
         return progress(self.span, getattr(self, "ease", None), time, last)
 
     @property
@@ -126,45 +126,45 @@ class Change(Record):
 
     # Which rows
     def steps(self) -> tuple[Change, ...]:
-        """The simpler operations that it stands for, in order; most stand for themselves."""
+        """Return the simpler operations that this one stands for, in order; most stand for themselves."""
         return (self,)
 
     def chosen(self, rows: SplatRows) -> np.ndarray:
-        """(N,) bool: the rows that it changes."""
+        """Return the rows (N,) bool that this operation changes."""
         return rows.chosen(self.select)
 
     def rows_after(self, rows: SplatRows, chosen: np.ndarray) -> SplatRows:
-        """The rows after it; `chosen (N,) bool`."""
+        """Return the rows after this operation on `chosen (N,) bool`."""
         return rows
 
     def rows_without(self, rows: SplatRows) -> SplatRows:
-        """The rows where it is switched off."""
+        """Return the rows where this operation is switched off."""
         return rows
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap | None:
-        """From the clip frame shown to the clip frame read; `clip`: its first and last frame. None: the frame shown."""
+        """Return the map from the clip frame shown to the clip frame read; None: the same. `clip`: its first and last frame."""
         return None
 
     def copy_time_maps(self, clip: tuple[float, float]) -> tuple[TimeMap, ...]:
-        """For each copy that it makes of its rows, the time map of the copy."""
+        """Return the time map of each copy that this operation makes of its rows."""
         return ()
 
     # What becomes of them
     def placed(self, placed: Placement, fraction: float, pivot: Callable[[str], np.ndarray]) -> Placement:
-        """The chosen Gaussians, `fraction` of the way; `pivot` finds "centroid" or "base" of all that are chosen."""
+        """Return the chosen Gaussians, moved `fraction` of the way; `pivot` finds the "centroid" or "base" of all of them."""
         motion = self.motion(fraction, pivot)
         return placed if motion is None else motion(placed)
 
     def motion(self, fraction: float, pivot: Callable[[str], np.ndarray]) -> Motion | None:
-        """The similarity that moves the chosen Gaussians; None where there is none."""
+        """Return the similarity that moves the chosen Gaussians, `fraction` of the way; None where nothing moves them."""
         return None
 
     def untimed(self) -> Change:
-        """The same for copies at the times of their originals."""
+        """Return this operation without delays: its copies are at the times of their originals."""
         return self
 
     def copy_motion(self, copy: np.ndarray) -> np.ndarray | None:
-        """(n,3) way from the original to copies of the numbers `copy (n,)`, 0 for the original; None: no way."""
+        """Return the shifts (n,3) from the original to copies of the numbers `copy (n,)`, 0 = the original; None: no shift."""
         return None
 
     @property
@@ -173,7 +173,7 @@ class Change(Record):
         return 1.0
 
     def shown(self, state: Appearance, chosen: np.ndarray, fraction: float, scene: Looking) -> Appearance:
-        """The appearance of n Gaussians, of which `chosen (n,) bool` are changed, `fraction` of the way."""
+        """Return the appearance of n Gaussians, those `chosen (n,) bool` changed `fraction` of the way."""
         return state
 
     @property
@@ -182,7 +182,7 @@ class Change(Record):
         return False
 
     def tones(self, whom: Appearance, other: Appearance | None) -> Any:
-        """Statistics of the colours of all chosen Gaussians, and of those (`other`) whose colours it takes."""
+        """Return statistics of the colors of all chosen Gaussians (`whom`), and of those whose colors they take (`other`)."""
         return None
 
     # What it comes to in an edit stack
@@ -222,7 +222,7 @@ class Change(Record):
         return (type(self),)
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """This operation and the next of the same sentence, as one or two operations."""
+        """Return this operation and the next one of the same sentence, as one or two operations."""
         if later == self:
             return (self,)
         if later.left is not None and self.removes and getattr(self.select, "of", None) == later.left:
@@ -237,33 +237,33 @@ class Change(Record):
         return (self,)
 
     def settled(self, at: Settling) -> dict[str, Any]:
-        """Fields that planning works out in the scene, except selections."""
+        """Return the fields, except selections, that planning derives from the scene."""
         return {}
 
     def times_as_much(self, factor: float) -> Change:
-        """The same, `factor` times as far or large, where it speaks of widths or sizes."""
+        """Return this operation with distances and sizes that are in widths of the thing times `factor`."""
         return self
 
     def remark(self, scene: Scene) -> str:
-        """A sentence on what a person may not expect of it; nothing where there is nothing to say."""
+        """Return a sentence on an effect that a person may not expect; empty where there is none."""
         return ""
 
     # How it is said
     def described(self) -> str:
-        """One line in the words of the language: "make the dog red from frame 20 on"."""
+        """Return one line in the words of the language: "make the dog red from frame 20 on"."""
         raise NotImplementedError
 
     def as_seen(self, seen: Seen) -> str:
-        """As `described`, with ways in widths and turns as the camera sees them."""
+        """Return `described` with shifts in widths and rotations as the camera sees them."""
         return self.described()
 
     def in_axes(self, moved: Callable[[Vector], Vector], turned: Callable[[Vector], Vector]) -> Change:
-        """The same with ways and turns along the scene's axes told along those of another world."""
+        """Return this operation with its shift and rotation mapped from the scene's axes to those of another world."""
         return self
 
     @classmethod
     def sentences(cls) -> Sentences:
-        """The sentences that ask for it. Called once somebody types one, so it imports the language itself."""
+        """Return the sentences that ask for this operation. Called when somebody types one, so it imports the language itself."""
         from .english import Sentences
 
         return Sentences()
@@ -296,7 +296,7 @@ def holds(frames: Span | None, time: float) -> bool:
 
 
 def progress(frames: Span | None, ease: Ease | None, time: float, last: float) -> float:
-    """Completed fraction of a change at `time`, 0 to 1; a span without an end goes to `last`, the clip's last frame.
+    """Return the completed fraction of a change at `time`, 0 to 1; a span without an end reaches to `last`, the clip's last frame.
 
     Without an ease it is in full within the span, and not beside it.
     """

@@ -139,7 +139,7 @@ class Search:
     """The ways to read a sentence, with idle words between its phrases."""
 
     def __init__(self, reading: Reading, known: Collection[str]):
-        """`known`: last words of labels."""
+        """Match all commands on the sentence; `known` holds the last words of the scene's labels."""
         self.reading, self.end = reading, len(reading.tokens)
         self.gaps = idle_gaps(reading, ADDS_NOTHING, known, COMMAND_VERBS)
         self.commands = [
@@ -150,7 +150,7 @@ class Search:
         self.at: dict[tuple[int, int], dict[int, Found]] = {}
 
     def _clauses(self, start: int, before: Clause | None) -> dict[int, Found]:
-        """The cheapest clause from a word to each later one; the verb may be that of the clause `before`."""
+        """Return the cheapest clause from word `start` to each later word; its verb may be that of the clause `before`."""
         key = start, id(before and before.command)
         complained = before and before.command.make is REMARK and before.slots.keys() & {"complaint", "excess"}
         if key in self.at:
@@ -172,7 +172,7 @@ class Search:
         return best
 
     def _next(self, begin: int, before: Clause | None) -> Iterator[tuple[int, int, Found]]:
-        """(first word, end, clause) of what may stand at a word, also with a time before it."""
+        """Yield (first word, end, clause) of each clause from word `begin` on, with or without a time in front."""
         yield from ((begin, end, found) for end, found in self._clauses(begin, before).items())
         for start, (front,) in _front.at(self.reading, begin).items():
             for end, found in self._clauses(start, before).items():
@@ -187,7 +187,7 @@ class Search:
         return next(words) not in COMMAND_VERBS
 
     def sentence(self) -> Found | None:
-        """The cheapest reading of the whole; none where there is none."""
+        """Return the cheapest reading of the whole sentence; None where there is none."""
         best: dict[int, Found] = {}
         for end, (topic,) in _start.at(self.reading, 0).items():
             best[end] = Found(0, () if topic is None else (topic,))
@@ -226,7 +226,7 @@ class Search:
 def _first_made(
     found: Collection[Cover], limit: float, command: Command, given: dict[str, Any], needed: frozenset[str]
 ) -> Cover | None:
-    """The cheapest of `found`, cheapest first, that costs less than `limit` and whose values go together."""
+    """Return the first of `found`, which are sorted by cost, that costs less than `limit` and whose values fit the command."""
     for cover in found:
         if cover.cost >= limit:
             return None
@@ -257,5 +257,5 @@ OF_ALL = ("who", "when", "slowly", "besides", "spares")
 
 
 def arguments(piece: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a piece that its command makes something of."""
+    """Return the slots of a clause that are arguments of its command."""
     return {name: value for name, value in piece.items() if name not in OF_ALL and value is not None}

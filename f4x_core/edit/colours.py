@@ -47,13 +47,13 @@ MIN_SPREAD = 1e-3
 
 
 def lab_from_rgb(rgb: np.ndarray) -> np.ndarray:
-    """OKLab (…,3) float64 of sRGB (…,3); numbers below 0 count as 0."""
+    """Return OKLab (…,3) float64 of sRGB (…,3); numbers below 0 count as 0."""
     linear = linear_from_srgb(np.maximum(np.asarray(rgb, np.float64), 0))
     return np.cbrt(linear @ CONES_FROM_LINEAR.T) @ LAB_FROM_CONES.T
 
 
 def rgb_from_lab(lab: np.ndarray) -> np.ndarray:
-    """sRGB (n,3) float64 in [0, 1] of OKLab (n,3); what a screen cannot show keeps its light and hue and turns paler."""
+    """Return sRGB (n,3) float64 in [0, 1] of OKLab (n,3); a color beyond sRGB keeps lightness and hue and loses saturation."""
     lab = np.concatenate([np.clip(lab[:, :1], 0, 1), lab[:, 1:]], 1)
     odd = np.flatnonzero(~_is_shown(_linear(lab)))
     low, high = np.zeros((len(odd), 1)), np.ones((len(odd), 1))
@@ -74,12 +74,12 @@ def _is_shown(linear: np.ndarray) -> np.ndarray:
 
 
 def colours_of(sh: np.ndarray) -> np.ndarray:
-    """sRGB (n,3) float64 of `sh (n,S,3)` without what depends on the direction; it can leave [0, 1]."""
+    """Return the sRGB (n,3) float64 of the constant part of `sh (n,S,3)`; it can leave [0, 1]."""
     return spherical_harmonics.rgb_from_dc(sh[:, 0].astype(np.float64))
 
 
 def exposed(rgb: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """sRGB (n,3) of `rgb (n,3)` with `factor (3,)` times the linear light, and by how much a small difference of color grows (n,3).
+    """Return `rgb (n,3)` sRGB with `factor (3,)` times the linear light, and the slope (n,3) of the new colors over the old.
 
     Nothing is clipped at white until a picture is drawn, so that a stop down takes a stop up back.
     """
@@ -89,18 +89,18 @@ def exposed(rgb: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def mean_of(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Mean over the rows of `values (n, …)` by `weights (n,) >= 0`; the plain one where all are 0."""
+    """Return the mean over the rows of `values (n,…)` by `weights (n,) >= 0`; the plain mean where all are 0."""
     return np.average(values, 0, weights if weights.any() else None)
 
 
 def painted(rgb: np.ndarray, target: np.ndarray, lightness: np.ndarray | float) -> np.ndarray:
-    """sRGB (n,3): `target (3,)`, darkened and brightened as each of `rgb (n,3)` is darker or brighter than OKLab `lightness`."""
+    """Return `target (3,)` sRGB, darker and brighter (n,3) as each of `rgb (n,3)` is darker or brighter than OKLab `lightness`."""
     shade = lab_from_rgb(rgb)[:, :1] / np.maximum(lightness, DARKEST)
     return rgb_from_lab(np.where(shade > 1, 1 + HIGHLIGHT * (shade - 1), shade) * lab_from_rgb(target))
 
 
 def with_hue(rgb: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """sRGB (n,3): hue and saturation of `target (3,)` with the light of each of `rgb (n,3)`; black has no hue: grey."""
+    """Return sRGB (n,3) with hue and saturation of `target (3,)` and the lightness of `rgb (n,3)`; a black target gives gray."""
     goal = lab_from_rgb(target)
     if goal[0] < DARKEST:
         goal = np.array([1.0, 0, 0])
@@ -110,8 +110,11 @@ def with_hue(rgb: np.ndarray, target: np.ndarray) -> np.ndarray:
 def graded(
     rgb: np.ndarray, contrast: float, saturation: float, warmth: float, lightness: float, hue: float = 0.0
 ) -> np.ndarray:
-    """sRGB (n,3): `rgb (n,3)` with its lights spread about OKLab `lightness`, its saturation scaled, its hues turned by `hue`
-    degrees and its tints shifted."""
+    """Return `rgb (n,3)` sRGB graded in OKLab.
+
+    Lightness is spread about `lightness` by `contrast`, saturation is scaled, hues are turned by `hue` degrees, and `warmth` is
+    added.
+    """
     lab = lab_from_rgb(rgb)
     light = lightness + contrast * (lab[:, :1] - lightness)
     tint = saturation * lab[:, 1:]
@@ -123,26 +126,26 @@ def graded(
 
 
 def lights_of(rgb: np.ndarray) -> tuple[float, float]:
-    """Centre and range of the OKLab lights of `rgb (n,3)`, without their `TAILS`."""
+    """Return the centre and the range of the OKLab lightness of `rgb (n,3)`, without their `TAILS`."""
     low, high = np.percentile(lab_from_rgb(rgb)[:, 0], TAILS)
     return (low + high) / 2, max(high - low, MIN_CONTRAST)
 
 
 def styled(rgb: np.ndarray, look: StyleColors, centre: float, extent: float) -> np.ndarray:
-    """sRGB (n,3): each of `rgb (n,3)` by its light on the ramp of `look`, which spans `extent` of light about `centre`."""
+    """Return sRGB (n,3) from the ramp of `look`, by the lightness of `rgb (n,3)`; the ramp spans `extent` of it about `centre`."""
     ramp = lab_from_rgb(np.array(look.ramp))
     place = np.clip((lab_from_rgb(rgb)[:, 0] - centre) / extent + 0.5, 0, 1) * (len(ramp) - 1)
     return rgb_from_lab(np.stack([np.interp(place, np.arange(len(ramp)), channel) for channel in ramp.T], -1))
 
 
 def moments_of(rgb: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation (3,) in OKLab of `rgb (n,3)` by `weights (n,)`."""
+    """Return the mean and the standard deviation (3,) in OKLab of `rgb (n,3)`, weighted by `weights (n,)`."""
     lab = lab_from_rgb(rgb)
     mean = mean_of(lab, weights)
     return mean, np.sqrt(mean_of((lab - mean) ** 2, weights))
 
 
 def matched(rgb: np.ndarray, own: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """sRGB (n,3): `rgb (n,3)` with moments `own` carried to those of `other`, channel by channel (Reinhard et al. 2001)."""
+    """Return `rgb (n,3)` sRGB with the moments `own` changed to `other`, channel by channel (Reinhard et al. 2001)."""
     factor = np.where(own[1] < MIN_SPREAD, 1, np.minimum(other[1] / np.maximum(own[1], MIN_SPREAD), MAX_SPREAD_RATIO))
     return rgb_from_lab((lab_from_rgb(rgb) - own[0]) * factor + other[0])

@@ -214,7 +214,7 @@ def _changed(
 
 
 def _percents(x: float) -> float:
-    """A number of a slider from 0 to 100, or a factor below 5; Mismatch for others."""
+    """Return `x` percent, or the factor `x` where it is below 5; Mismatch for more than 100."""
     if x > 100:
         raise Mismatch
     return x if x < LEAST_PERCENTS else x / 100

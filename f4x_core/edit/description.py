@@ -38,14 +38,14 @@ SCENE_AXES = "the scene's own axes"
 
 
 def describe(operation: Change) -> str:
-    """One line, for example "make the dog red from frame 20 on"."""
+    """Return one line, for example "make the dog red from frame 20 on"."""
     return operation.described()
 
 
 def describe_in(operation: Change, to_world: np.ndarray, axes: str) -> str:
-    """As `describe`, but a way or turn along the scene's own axes is given along those of another world, called `axes`.
+    """Return `describe` with shifts and rotations along the axes of another world, called `axes`, in place of the scene's.
 
-    `to_world (3,3)`: the turn and scale from the scene to that world.
+    `to_world (3,3)`: rotation and scale from the scene to that world.
     """
     turn = to_world / np.maximum(np.linalg.norm(to_world, axis=0), 1e-12)
 
@@ -57,7 +57,7 @@ def describe_in(operation: Change, to_world: np.ndarray, axes: str) -> str:
 
 
 def in_words(operations: Sequence[Change]) -> str:
-    """A plan in the words of the language."""
+    """Return a plan in the words of the language."""
     return "; ".join(map(describe, operations))
 
 
@@ -73,12 +73,12 @@ _PLACE_WORDS = {
 
 
 def beside_words(way: Vector) -> str:
-    """The place of a thing beside another, in words."""
+    """Return the place of a thing beside another in words."""
     return next(_PLACE_WORDS[where] for where, direction in DIRECTIONS.items() if direction == way)
 
 
 def whom_with(operation: ChangeWithShadow) -> str:
-    """The selection of an operation in words, with what goes along: "the car with its shadow"."""
+    """Return the selection of an operation in words, with what goes along: "the car with its shadow"."""
     along, who = operation.along, whom(operation.select)
     if not (isinstance(along, Ids) and along.words):
         return who
@@ -96,7 +96,7 @@ def are_several(who: str) -> bool:
 
 
 def whom(select: SelectKind) -> str:
-    """A selection in words."""
+    """Return a selection in words."""
     if isinstance(select, Text):
         return " and ".join(f"the {label}" for label in select.labels)
     if isinstance(select, Instance):
@@ -143,7 +143,7 @@ def _both(select: And) -> str:
 
 
 def span_words(frames: tuple[float, float | None] | None, open_end: str = "on") -> str:
-    """The span of an operation in words: " from frame 5 to frame 20"; empty for all times."""
+    """Return the span of an operation in words: " from frame 5 to frame 20"; empty for all times."""
     if frames is None:
         return ""
     start, end = frames
@@ -151,42 +151,42 @@ def span_words(frames: tuple[float, float | None] | None, open_end: str = "on") 
 
 
 def colour_words(rgb: Colour) -> str:
-    """A color by its name, hexadecimal digits or numbers."""
+    """Return a color as its name, hexadecimal digits or numbers."""
     bytes_ = [round(255 * c) for c in rgb]
     exact = tuple(round(byte / 255, PLACES) for byte in bytes_) == tuple(round(c, PLACES) for c in rgb)
     return name_of(rgb) or ("#" + "".join(f"{byte:02x}" for byte in bytes_) if exact else f"rgb {number_words(rgb)}")
 
 
 def times_words(factor: float, plain: str, more: str, less: str) -> str:
-    """A factor: "twice as bright", "20 % darker"."""
+    """Return a factor in words: "twice as bright", "20 % darker"."""
     if factor in (2, 0.5):
         return f"{'twice' if factor == 2 else 'half'} as {plain}"
     return f"{percent_words(factor - 1)} {more}" if factor >= 1 else f"{percent_words(1 - factor)} {less}"
 
 
 def percent_words(fraction: float) -> str:
-    """A fraction in percent."""
+    """Return a fraction in percent."""
     return f"{round(100 * fraction, PLACES):g} %"
 
 
 def strength_words(share: float) -> str:
-    """A strength in percent before an adjective; nothing for all of it."""
+    """Return a strength in percent, to stand before an adjective; empty for 1."""
     return "" if share == 1 else f"{percent_words(share)} "
 
 
 def number_words(values: tuple[float, ...]) -> str:
-    """Numbers with commas."""
+    """Return numbers with commas between them."""
     return ", ".join(f"{value:g}" for value in values)
 
 
 def rounded_words(values: tuple[float, ...]) -> str:
-    """Numbers as a person reads them: what is less than a hundredth of the largest is none."""
+    """Return numbers to three digits; less than a hundredth of the largest is 0."""
     largest = max(map(abs, values))
     return ", ".join(f"{value:.3g}" if abs(value) >= largest / 100 else "0" for value in values)
 
 
 def way_words(vector: Vector, unit: str, axes: str) -> str:
-    """A way in widths along the camera's axes, or in numbers along the scene's."""
+    """Return a shift in widths along the camera's axes, or in numbers along the scene's."""
     measure = "unit" if unit == "world" else "width"
     if axes == "world":
         return f"by ({rounded_words(vector)}) {measure}s along {SCENE_AXES}"
@@ -199,5 +199,5 @@ def _steps(vector: Vector, measure: str) -> list[str]:
 
 
 def steps_in_words(vector: Vector) -> str:
-    """A way in widths along the camera's axes: "1.1 widths to the left and 0.2 widths up"."""
+    """Return a shift in widths along the camera's axes: "1.1 widths to the left and 0.2 widths up"."""
     return " and ".join(_steps(vector, "width"))

@@ -66,7 +66,7 @@ class Display:
         return quaternion.normalize(np.concatenate([self.scene.static.quats, self.scene.dynamic.quats]))
 
     def appearance_key(self, frame: float) -> object:
-        """Key of the appearance at `frame`: equal keys, equal appearance of all Gaussians that are not drawn separately."""
+        """Return a key of the appearance at `frame`, equal where all Gaussians but the separately drawn ones look the same."""
         time, timed = self.time(frame), []
         for depth, step in enumerate(self._steps):
             operation = step.edit.operation
@@ -77,7 +77,7 @@ class Display:
         return tuple(timed)
 
     def rows_of(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(row (m,) of each of `ids (m,)`, whether there is one (m,) bool); quick where they are a part of `posed` in order."""
+        """Return the row (m,) of each of `ids (m,)` and (m,) bool, True where there is one; fast for whole parts in order."""
         known = self.scene.ids
         for part in (*self._parts, self.apart):
             if len(part) == len(ids) and np.array_equal(known[part], ids):
@@ -100,22 +100,22 @@ class Display:
         return float(min(max(frame, first), last))
 
     def appearance(self, frame: float) -> Appearance:
-        """Opacities (N,) and harmonics (N,S,3) of all Gaussians, as if all were present, in their own frames."""
+        """Return opacities (N,) and harmonics (N,S,3) of all Gaussians, as if all were present, in their own frames."""
         if isinstance(self.scene, EditedScene):
             return self.scene.appearance(self.time(frame), EVERY)
         return Appearance(*self.scene.full_appearance)
 
     def tint_gain(self, appearance: Appearance) -> np.ndarray:
-        """(N,3) by how much tints of the base's Gaussians are multiplied where they have `appearance`."""
+        """Return the factors (N,3) of the base's tints for Gaussians that have `appearance`."""
         return gain_of(self.scene.base.full_appearance[1][self.scene.origin], appearance.sh)
 
     def of_base(self, found: Selection) -> Selection:
-        """A selection of the base scene in the order of `posed`; a copy is selected as its original is."""
+        """Return a selection of the base scene in the order of `posed`; a copy is selected where its original is."""
         origin = self.scene.origin
         return replace(found, ids=self.scene.ids, scores=found.scores[origin], wins=found.wins[origin])
 
     def means_of(self, id: int, frame: float) -> np.ndarray:
-        """(n,3) centers at `frame` of the thing that the edit `id` changes, as it is shown; none where it has no effect."""
+        """Return the centers (n,3) at `frame` of the thing that the edit `id` changes; none where it has no effect."""
         step = next((step for step in self._steps if step.edit.id == id), None)
         if step is None:
             return np.zeros((0, 3), np.float32)
@@ -123,13 +123,13 @@ class Display:
         return self.scene.part(self.time(frame), np.flatnonzero(step.thing)).means
 
     def moment(self, frame: float) -> PosedSplats:
-        """The Gaussians that are drawn separately."""
+        """Return the separately drawn Gaussians at `frame`."""
         assert isinstance(self.scene, EditedScene)
         return self.scene.part(self.time(frame), self.apart)
 
 
 def by_score(appearance: Appearance, scores: np.ndarray) -> Appearance:
-    """The same Gaussians in the colours of a heat map of `scores (N,)` in [0, 1]."""
+    """Return the same Gaussians in the colors of a heat map of `scores (N,)` in [0, 1]."""
     grey = np.full((1, len(scores), 3), GREY)
     rgb = heat_map(grey, scores[None])[0] / 255
     sh = np.zeros_like(appearance.sh)

@@ -59,7 +59,7 @@ Answer = TypeVar("Answer")
 
 
 def ask_for_operations(server: ChatServer, request: Request) -> tuple[Operation, ...]:
-    """Typed operations, unresolved, that the model behind `server` makes of a request.
+    """Return the typed operations, unresolved, that the model behind `server` makes of a request.
 
     Raises F4xError: the server fails, its answer stays unusable after one correction, or it finds nothing to do.
     """
@@ -75,7 +75,7 @@ def ask_for_operations(server: ChatServer, request: Request) -> tuple[Operation,
 
 
 def replies() -> ModuleType:
-    """The module `reply`; F4xError where pydantic is not installed, as in Blender."""
+    """Return the module `reply`; F4xError where pydantic is not installed, as in Blender."""
     try:
         return import_module(".reply", __package__)
     except ImportError as error:
@@ -105,7 +105,7 @@ def ask_json(
 
 
 def first_object(text: str) -> dict[str, Any]:
-    """The first JSON object in a text; F4xError when there is none."""
+    """Return the first JSON object in a text; F4xError where there is none."""
     decoder, start = json.JSONDecoder(), -1
     for _ in range(MAX_BRACES):
         start = text.find("{", start + 1)
@@ -132,7 +132,7 @@ def plain_words(labels: Sequence[str]) -> list[str]:
 def _ways(
     messages: Sequence[dict[str, Any]], schema: dict[str, Any]
 ) -> Iterator[tuple[list[dict[str, Any]], dict[str, Any]]]:
-    """(messages, options of the request), the strictest first. The last one has nothing that a server could refuse."""
+    """Yield (messages, options of the request), the strictest first; the last has nothing that a server could refuse."""
     strict = {"type": "json_schema", "json_schema": {"name": "answer", "strict": True, "schema": schema}}
     yield list(messages), {"response_format": strict, "temperature": 0}
     first = messages[0]["content"] + f"\nThe schema: {json.dumps(schema, separators=(',', ':'))}"

@@ -114,7 +114,7 @@ class Command:
 def command(
     example: str, make: Callable[..., Given], needed: str, use: Use = USUAL, who: Rule | str = whom, **slots: Any
 ) -> Command:
-    """A command; its slots may be written in the notation of `phrase`, or as words with their values."""
+    """Return a command; its slots are written in the notation of `phrase`, or as a table of words and values."""
     rules = {
         name: table(rule, reserve=False) if isinstance(rule, dict) else phrase(rule) for name, rule in slots.items()
     }
@@ -177,19 +177,19 @@ class Quality:
         return self.changed(how, bool(self.bare))
 
     def times(self, by: float) -> Value:
-        """The value for a multiple of it."""
+        """Return the value for `by` times the quality; Mismatch for 1."""
         if by == 1:
             raise Mismatch  # "in full color" asks for no more or less of it
         return self.changed(Amount("as", by), True)
 
     def complaints(self) -> Iterator[tuple[str, str, bool]]:
-        """Words behind "too", those that complain by themselves, and whether more of it helps."""
+        """Yield (words behind "too", words that complain by themselves, True where more of it helps)."""
         nouns = self.noun.split("|")
         yield "|".join((self.much, self.too, *(f"much {noun}" for noun in nouns))), self.excess, False
         yield "|".join((self.little, self.too_little, *(f"little {noun}" for noun in nouns))), self.dearth, True
 
     def helps(self, upward: bool) -> Value | None:
-        """The value for more or less of it; None where there is none."""
+        """Return the value for more or less of the quality; None where there is none."""
         try:
             self.changed(None, upward)
         except Mismatch:
@@ -378,7 +378,7 @@ toward = ~literal(
 
 
 def at_most(x: float) -> float:
-    """A share of something; Mismatch for more than all of it."""
+    """Return a fraction unchanged; Mismatch above 1."""
     if x > 1:
         raise Mismatch
     return x
@@ -394,6 +394,6 @@ nobody = table({})
 
 @who_of
 def the_clip(context: SentenceContext) -> SelectKind:
-    """Whom a clip, its time or what happens then means: everything."""
+    """Return everything, which a clip, its time or its action stand for, and remember it as what was named last."""
     context.last = All()
     return context.last

@@ -11,7 +11,7 @@ from .operations import Operation, read_operation
 
 
 def read_operations(path: Path) -> list[Operation]:
-    """The operations of a JSON file: a list of objects, or one. F4xError names the file and the operation."""
+    """Return the operations of a JSON file: a list of objects, or one. F4xError names the file and the operation."""
     data = read_json(path, "a list of operations")
     entries = data if isinstance(data, list) else [data]
     if not entries:

@@ -126,7 +126,7 @@ def ask_which(server: ChatServer, sentence: str, sheet: Image.Image, count: int)
 def candidate_sheet(
     scene: Scene, candidates: Sequence[tuple[Change, ...]], best: int | None = None, backend: str = "auto"
 ) -> Image.Image:
-    """RGB picture: a row for each view, a column before and one for each candidate, the one at index `best` framed."""
+    """Draw an RGB picture: a row for each view, a column before and for each candidate, the one at index `best` framed."""
     views = [_small(view, SHEET_COLUMNS) for view in views_of(scene)]
     scenes = [scene, *(with_operations(scene, *operations) for operations in candidates)]
     rows = [[as_bytes(render(one, *view, ("rgb",), backend)["rgb"]) for one in scenes] for view in views]
@@ -136,7 +136,7 @@ def candidate_sheet(
 
 
 def views_of(scene: Scene) -> list[View]:
-    """`MOMENTS` views of the clip's own camera, and the middle one from aside."""
+    """Return `MOMENTS` views of the clip's own camera, and the middle one from aside."""
     cameras = scene.cameras
     chosen = evenly_spaced(len(cameras), MOMENTS, ends=False)
     views = [View(cameras[int(t)], float(cameras.times[t])) for t in chosen]
@@ -145,7 +145,7 @@ def views_of(scene: Scene) -> list[View]:
 
 
 def compare(before: np.ndarray, after: np.ndarray, target: np.ndarray) -> tuple[float, float]:
-    """(coverage, leakage) of pictures (H,W,3) in [0, 1] for the bool mask `target (H,W)` of what should change.
+    """Return (coverage, leakage) of pictures (H,W,3) in [0, 1] for `target (H,W) bool`, which should change.
 
     Coverage: fraction of the target that changed visibly. Leakage: fraction of all change that lies beyond the target and the
     pixels that touch it, in which blending mixes both sides. Both 0 where their base is empty.
@@ -157,12 +157,12 @@ def compare(before: np.ndarray, after: np.ndarray, target: np.ndarray) -> tuple[
 
 
 def difference(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(H,W) largest difference of a colour of two pictures (H,W,3), clipped to [0, 1]."""
+    """Return the largest difference (H,W) over the channels of two pictures (H,W,3), clipped to [0, 1]."""
     return np.abs(np.clip(after, 0, 1) - np.clip(before, 0, 1)).max(-1)
 
 
 def flicker(before: np.ndarray, after: np.ndarray, region: np.ndarray) -> float:
-    """Standard deviation over time of pictures (T,H,W,3), mean over bool `region (H,W)`: after relative to before."""
+    """Return the standard deviation over time of `after (T,H,W,3)`, mean over `region (H,W) bool`, relative to `before`."""
     if not region.any():
         return 1.0
     old, new = (float(np.clip(frames, 0, 1)[:, region].std(0).mean()) for frames in (before, after))
@@ -170,14 +170,14 @@ def flicker(before: np.ndarray, after: np.ndarray, region: np.ndarray) -> float:
 
 
 def dilate(mask: np.ndarray) -> np.ndarray:
-    """(H,W) bool mask and the pixels that touch it, corners too."""
+    """Return a mask (H,W) bool with the pixels that touch it, corners too."""
     wide = np.pad(mask, 1)
     rows = wide[:-2] | wide[1:-1] | wide[2:]
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
 def _weights(scene, asked, candidates, resolver) -> np.ndarray:
-    """(N,n) float32: how surely each Gaussian is meant by each operation asked for, whichever candidate is right.
+    """Return (N,n) float32: how probably each operation asked for means each Gaussian, whichever candidate is right.
 
     The probability of its words, else the fraction of the candidates that have it.
     """
@@ -195,7 +195,7 @@ class _Eye:
     """Renders a scene before its edit and scores candidates of n operations against that."""
 
     def __init__(self, scene: Scene, asked: Sequence[Change], weights: np.ndarray, resolver: Resolver, backend: str):
-        """`weights (N,n)` of `_weights`."""
+        """Draw the views of the scene before any candidate; `weights (N,n)` are those of `_weights`."""
         self.scene, self.asked, self.weights, self.backend = scene, asked, weights, backend
         self.views = [_small(view, COLUMNS) for view in views_of(scene)]
         self.before = [self._look(scene, view, weights) for view in self.views]
@@ -214,7 +214,7 @@ class _Eye:
         self.answers = [self._answer(scene, query) for _, query in self.queries]
 
     def score(self, operations: tuple[Change, ...]) -> dict[str, float]:
-        """The numbers of a candidate."""
+        """Return the numbers of a candidate by name."""
         after = with_operations(self.scene, *operations)
         copying = np.array([[operation.SEEN == "in copies" for operation in self.asked]], np.float32)
         copies = np.repeat(copying, len(after.ids) - len(self.weights), axis=0)
@@ -233,12 +233,12 @@ class _Eye:
         return {"coverage": coverage, "leakage": leakage, "words": words, "flicker": restless, "score": score}
 
     def _untouched(self, after: Scene, operations: tuple[Change, ...]) -> np.ndarray:
-        """(N,n) bool: Gaussians that each operation leaves unchanged. Only `after` shows parts that were hidden before."""
+        """Return the Gaussians (N,n) bool that each operation leaves unchanged. Only `after` shows what was hidden before."""
         passed = [operation.SEEN in ("in copies", "in the rest", "nowhere") for operation in operations]
         return np.stack([~(chosen(after, o.select) | p) for o, p in zip(operations, passed, strict=True)], 1)
 
     def _target(self, was: np.ndarray, now: np.ndarray) -> np.ndarray:
-        """(H,W) bool that should change, by who is where before and after (H,W,n)."""
+        """Return the pixels (H,W) bool that should change, from the masks of each operation (H,W,n) before and after."""
         target = np.zeros(was.shape[:2], bool)
         for n, operation in enumerate(self.asked):
             there = {"in place": was, "in the rest": ~was, "in copies": now, "elsewhere": was | now}
@@ -247,20 +247,20 @@ class _Eye:
         return target
 
     def _look(self, scene: Scene, view: View, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(picture (H,W,3), bool (H,W,n): most of its blend weights are those of the Gaussians with `weights`)."""
+        """Return a picture (H,W,3), and (H,W,n) bool: Gaussians with `weights` have most of a pixel's blend weights."""
         drawn = render(scene, *view, ("rgb",), self.backend, values={"weights": weights})
         return drawn["rgb"], drawn["weights"] > OURS
 
     def _film(self, scene: Scene) -> np.ndarray:
-        """(T,H,W,3) neighbouring frames from the clip's own cameras."""
+        """Return neighbouring frames (T,H,W,3) from the clip's own cameras."""
         return np.stack([render(scene, *view, ("rgb",), self.backend)["rgb"] for view in self.moments])
 
     def _answer(self, scene: Scene, query: TextQuery) -> np.ndarray:
-        """(H,W) probability of a query's targets in the middle view."""
+        """Return the probability (H,W) of a query's targets in the middle view."""
         return text_score_map(scene, query, *self.views[MOMENTS // 2], self.backend)[..., : query.targets].sum(-1)
 
     def _words(self, after: Scene) -> float:
-        """Gain in word probability: after `delete` it drops where the object was, after `extract` it rises in what is left."""
+        """Return the gain in word probability: it drops where a deleted object was, and rises in what an extraction leaves."""
         gains = []
         for (n, query), old in zip(self.queries, self.answers, strict=True):
             new = self._answer(after, query)

@@ -26,7 +26,7 @@ LEAD = 100.0
 
 
 def rekeyed(scene: Scene, edits: Iterable[Edit]) -> Scaffold | None:
-    """The scaffold of `scene` with the poses of every enabled `rekey` in order; the scene's own where there is none.
+    """Return the scaffold of `scene` with the poses of every enabled `rekey` in order; the scene's own where there is none.
 
     It has a knot at every clip frame then, so that nothing else moves at any of them. F4xError names the edit that speaks of
     nodes that are not there.
@@ -56,7 +56,7 @@ def rekeyed(scene: Scene, edits: Iterable[Edit]) -> Scaffold | None:
 
 
 def with_keys_folded(scene: Scene) -> Scene:
-    """The scene without its `rekey` edits, their poses in its scaffold: `posed` is the same at every clip frame.
+    """Return the scene without its `rekey` edits, their poses in its scaffold: `posed` is the same at every clip frame.
 
     Gaussians whose nodes were changed at their reference time keep the old poses to rest on: knots before the clip.
     """
@@ -86,6 +86,6 @@ def with_keys_folded(scene: Scene) -> Scene:
 
 
 def _turned(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(...) bool: whether quaternions (..., 4) of any length are different rotations, beyond float32 rounding."""
+    """Return (...) bool: True where quaternions (...,4) of any length are different rotations, beyond float32 rounding."""
     a, b = quaternion.normalize(a), quaternion.normalize(b)
     return np.minimum(np.abs(a - b).max(-1), np.abs(a + b).max(-1)) > 4 * np.finfo(np.float32).eps

@@ -168,7 +168,7 @@ Settle = Callable[[Read], tuple[Change, ...]]
 
 
 def _settled(read: Read, context: SentenceContext, before: Clause | None) -> tuple[Change, ...]:
-    """The operations of a sentence; raises F4xError."""
+    """Return the operations of a sentence; raises F4xError."""
     operations = _placed([_sparing(one, context.spared) for one in list(_operations(read.clauses, context, before))])
     operations = operations or context.complaints
     if not operations:
@@ -187,7 +187,7 @@ def _settled(read: Read, context: SentenceContext, before: Clause | None) -> tup
 def _read(
     sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle | None = None, guess: bool = False
 ) -> Read:
-    """The reading with the cheapest idle words that `settled` can carry out, or why that of the first cannot be.
+    """Return the reading with the cheapest idle words that `settled` can carry out, or the reason why the first cannot be.
 
     `guess`: words that nobody knows may be left out.
     """
@@ -212,7 +212,7 @@ def _read(
 
 
 def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
-    """The words of a sentence; Refusal where it is a question, too long or empty."""
+    """Return the words of a sentence; Refusal where it is a question, too long or empty."""
     tokens = [
         token
         for token in _statements(tokenise(sentence))
@@ -267,7 +267,7 @@ def _is_a_verb(reading: Reading, at: int) -> bool:
 
 
 def _without_idle(read: Read) -> Doubt:
-    """Operations of a sentence without its idle words, to be asked."""
+    """Return a question whether the sentence without its idle words is meant."""
     tokens, typed = read.reading.tokens, read.reading.sentence
     kept, begin = "", 0
     left_out: list[str] = []
@@ -308,7 +308,7 @@ _INFLECTED = ("er", "ing", "ed")
 
 
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
-    """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
+    """Return the first unknown word and the known one that it may be a slip of: of a label, or of any where none else helps."""
     parts = {word for words in reading.known for word in words}
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
@@ -330,7 +330,7 @@ _LEXICON = frozenset().union(VOCABULARY, NAMES_TOO, FUNCTION_WORDS, NO_THINGS, E
 
 
 def _selected(operation: Change) -> Iterator[SelectKind]:
-    """Every selection in an operation."""
+    """Yield every selection in an operation."""
     for name in ("select", "source"):
         if hasattr(operation, name):
             yield from parts_of(getattr(operation, name))
@@ -343,7 +343,7 @@ _A_QUESTION = "That is a question; `f4x ask` answers those, here one says what t
 
 
 def _first_asked(part: Sequence[Token]) -> str:
-    """The first word that may ask something."""
+    """Return the first word that may begin a question."""
     words = (
         token.text for token in part if token.is_word and token.text not in EMPTY | {"and", "so", "but", "then", "now"}
     )
@@ -363,7 +363,7 @@ def _asks(part: Sequence[Token]) -> bool:
 
 
 def _statements(tokens: list[Token]) -> list[Token]:
-    """The tokens with "could you …?" ended by a full stop; Refusal when anything else is asked."""
+    """Return the tokens with "could you …?" ended by a full stop; Refusal where anything else is asked."""
     statements, start = [], 0
     for i, token in enumerate(tokens):
         if token.text == "?":
@@ -380,7 +380,7 @@ def _statements(tokens: list[Token]) -> list[Token]:
 
 @lru_cache(8)  # of the scenes that are spoken of
 def _known(labels: tuple[str, ...], names: tuple[str, ...] = ()) -> Mapping[tuple[str, ...], str]:
-    """Labels and names by their words, and by those of their singular."""
+    """Return labels and names by their words, and by those of their singular."""
     known: dict[tuple[str, ...], str] = {}
     for label in (*labels, *names):
         if words := words_of_label(label):
@@ -393,7 +393,7 @@ def _known(labels: tuple[str, ...], names: tuple[str, ...] = ()) -> Mapping[tupl
 
 
 def _recalled(clauses: Clauses, context: SentenceContext) -> Clause | None:
-    """The last command of the sentence before, whose things `context` takes over where nothing is selected."""
+    """Return the last command of the sentence before; where nothing is selected, `context` takes over its things."""
     then = replace(context, names=dict(context.names), copies={}, spare=set())
     try:
         list(_operations(clauses, then))
@@ -408,7 +408,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Clause | None:
 
 
 def _operations(clauses: Clauses, context: SentenceContext, before: Clause | None = None) -> Iterator[Change]:
-    """The operations of clauses; `before`: the command before them."""
+    """Yield the operations of clauses; `before`: the command before them."""
     front: Span | None = None
     topics: list[SelectKind] = []
     for at, clause in enumerate(clauses := _shared(clauses, context.overall)):
@@ -449,7 +449,7 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Clause | Non
 def _whom(
     command: Command, piece: Mapping[str, Any], context: SentenceContext, timed: bool = False
 ) -> tuple[SelectKind, bool]:
-    """Whom a command is for, and whether that is only assumed."""
+    """Return (the selection of a command, True where it is only assumed)."""
     use = command.use
     if use.alone:
         return All(), False
@@ -478,7 +478,7 @@ def _whom(
 
 
 def _time_behind(clauses: Clauses, at: int) -> Span | None:
-    """The time at the end of a list without verbs, which holds for all of it: "the dog red and the cat blue from second 2"."""
+    """Return the time at the end of a list without verbs, which holds for all: "the dog red and the cat blue from second 2"."""
     end = at
     while end + 1 < len(clauses) and clauses[end + 1].gapped:
         end += 1
@@ -488,7 +488,7 @@ def _time_behind(clauses: Clauses, at: int) -> Span | None:
 def _made(
     command: Command, piece: Mapping[str, Any], who: SelectKind, when: When, context: SentenceContext, assumed: bool
 ) -> list[Change]:
-    """The operations of one command; Refusal where it is not said for whom something strong is done."""
+    """Return the operations of one command; Refusal where a strong one names no thing."""
     made = command.make(**arguments(piece))
     values = made if isinstance(made, tuple) else ((made,),)
     operations = _compatible([value(who, when, context) for (value,) in values])
@@ -499,8 +499,11 @@ def _made(
 
 
 def _shared(clauses: Clauses, overall: bool) -> Clauses:
-    """The clauses: a verb alone is for whom the next names ("darken and blur the sky"), the first for the topic, and of a list of
-    grades those without a thing for that of the one before ("exposure +0.5 on the dog, contrast +10 %"), if not `overall`."""
+    """Return the clauses with the things that they share.
+
+    A verb alone takes the thing of the next clause ("darken and blur the sky"), the first clauses that of the topic, and grades
+    in a list that of the one before ("exposure +0.5 on the dog, contrast +10 %"), unless `overall`.
+    """
     shared = _levelled(clauses)
     for at, clause in enumerate(shared[1:] if shared and shared[0].command is TOPIC else (), 1):
         if "who" in clause.slots or (clause.hard and at > 1):
@@ -525,7 +528,7 @@ _VALUE = Command("make the dog brighter", as_given, frozenset({"values"}), {})
 
 
 def _levelled(clauses: Clauses) -> list[Clause]:
-    """The clauses; a complaint and by how much it is to change ("too bright, take it down 20 %") are one."""
+    """Return the clauses with each complaint and its amount ("too bright, take it down 20 %") made one."""
     done: list[Clause] = []
     for clause in clauses:
         slots = clause.slots
@@ -583,7 +586,7 @@ def _remarked(who: SelectKind, piece: Mapping[str, Any], when: When, context: Se
 
 
 def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
-    """The operation without those that stay as they are."""
+    """Return the operation without the things that are to stay as they are."""
     if not operation.ACTS:
         return operation
     select = operation.select
@@ -602,7 +605,7 @@ def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
 
 
 def _placed(operations: Sequence[Change]) -> list[Change]:
-    """The operations, each with the one before it as it says."""
+    """Return the operations, each joined with the one before it by `followed_by`."""
     placed: list[Change] = []
     for one in operations:
         placed[-1:] = placed[-1].followed_by(one) if placed else (one,)
@@ -610,7 +613,7 @@ def _placed(operations: Sequence[Change]) -> list[Change]:
 
 
 def _about(moment: TimeExpression, length: Span) -> Span:
-    """The span of a length from a moment on, or about the middle of the clip."""
+    """Return the span of a length that begins at a moment, or lies about the middle of the clip."""
     far = TimeExpression() if length.end is None else length.end.plus(length.start, -1.0)
     start = moment.plus(far, -0.5) if moment == HALF_WAY else moment
     return Span(start, start.plus(far))
@@ -626,7 +629,7 @@ def _same_way(one: Change, other: Change) -> bool:
 
 
 def _compatible(operations: list[Change]) -> list[Change]:
-    """The operations; Refusal when two of them set the same thing."""
+    """Return the operations; Refusal where two of them set the same thing."""
     if all(_same_way(one, operations[-1]) for one in operations):
         operations = operations[-1:]
     unseen = len(operations) > 1 and any(one.removes for one in operations)
@@ -643,7 +646,7 @@ _ONLY_WHEN = keyword(
 
 
 def _unknown_word(reading: Reading) -> str:
-    """The sentence about the first word that is in no lexicon; nothing when there is none."""
+    """Return the sentence about the first word that is in no lexicon; empty where all are."""
     things = {word for words in reading.known for word in words}
     for at, token in enumerate(reading.tokens):
         if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS):
@@ -662,8 +665,10 @@ MOST_EXAMPLES = 3
 
 
 def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
-    """Commands of which the sentence says all but for whom, about what it names or else what is `there`; none that removes, or
-    does what the sentence asks for; none where something is not to be done, as it would be that.
+    """Return commands that resemble a refused sentence, about the things that it names, else those that are `there`.
+
+    None of them removes, or does what the sentence asks for; a sentence with a negation gets none, as they would be what is not
+    to be done.
     """
     known = _known(tuple(there))
     text, asked = written(sentence), operations_of(sentence, there)
@@ -706,7 +711,7 @@ _EXAMPLE_THING = re.compile(r"\bthe (dogs?|cat|car|ball|bush|lamp|bird|hat|tree|
 
 
 def about_there(reason: str, sentence: str, there: Sequence[str]) -> str:
-    """A refusal whose examples speak of things that are `there`, except of those that the sentence names itself."""
+    """Return a refusal whose examples name things that are `there`, except those that the sentence names itself."""
 
     def about(example: re.Match[str]) -> str:
         nouns = [noun for noun in dict.fromkeys(_EXAMPLE_THING.findall(example[0])) if noun not in sentence.lower()]

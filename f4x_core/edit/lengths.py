@@ -25,7 +25,7 @@ _AMBIGUOUS = re.compile("in|foot|feet", re.IGNORECASE)
 
 
 def in_units(sentence: str, meters: float) -> str:
-    """`sentence` with lengths in units of a scene, of which one is so many `meters` long."""
+    """Return `sentence` with its lengths in units of a scene, of which one is `meters` long."""
 
     def written(found: re.Match[str]) -> str:
         unit, digits, word = found["unit"].lower(), found["digits"], (found["word"] or "").lower()

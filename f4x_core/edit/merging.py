@@ -32,7 +32,7 @@ def merge_edits(scene: Scene, base: EditStack, ours: EditStack, theirs: EditStac
 
 
 def _with_later_ids(operation: Change, start: int, further: int) -> Change:
-    """An operation in which every Gaussian id from `start` on is larger by `further`."""
+    """Return an operation in which every Gaussian id from `start` on is larger by `further`."""
 
     def later(value: Any) -> Any:
         if isinstance(value, Ids):

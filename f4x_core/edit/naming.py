@@ -29,7 +29,7 @@ def by_words(
     encode: Encode | None = None,
     span: tuple[float, float] | None = None,
 ) -> dict[str, Selection]:
-    """Word -> whom it means, in the order of `words`; names that edits gave come before labels.
+    """Return the selection of each word, in the order of `words`; names that edits gave come before labels.
 
     Raises F4xError for a word that nobody knows, and for one that is asked for and excluded at once.
     """

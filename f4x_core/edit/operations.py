@@ -54,10 +54,10 @@ for _file in iter_modules(_folder.__path__):
 
 
 def kinds() -> tuple[type[Change], ...]:
-    """The classes of operations, those without a name here last."""
+    """Return the classes of operations, those without a name here last."""
     return tuple(dict.fromkeys((*get_args(Operation), *KINDS.values())))
 
 
 def read_operation(data: object, where: str = "operation") -> Operation:
-    """The operation that a JSON object describes; F4xError begins with `where`."""
+    """Return the operation that a JSON object describes; F4xError begins with `where`."""
     return read_record(Union[kinds()], data, where)  # noqa: UP007  # built from values

@@ -116,7 +116,7 @@ class SentenceContext(Clip):
         return float(min(self.fps, EDGE * self.frames, self.frames - 1))
 
     def it(self, word: str) -> SelectKind:
-        """The last thing named, else what is selected, else the one man or woman whom "him" or "her" can be; Refusal without."""
+        """Return the thing named last, else the selection, else the one man or woman whom `word` can mean; Refusal without any."""
         if self.last is None and not self.selected and word in HIM_OR_HER:
             meant = next((label for label in HIM_OR_HER[word] if label in self.labels), None)
             self.last = None if meant is None else Text((meant,), single=(meant,))
@@ -141,7 +141,7 @@ class SentenceContext(Clip):
         return select.of if isinstance(select, Instance) else select
 
     def copied(self, operation: Any) -> tuple[Any, SelectKind]:
-        """The operation with a name for its copies, which are "it" from now on; and "they": a single one and its original."""
+        """Return (the operation with a name for its copies, which "it" means from now on; the selection that "they" means)."""
         name = operation.name
         if not name:
             name = f"{COPY} {len(self.copies) + 1}" if self.copies else COPY
@@ -234,7 +234,7 @@ class When:
         )
 
     def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
-        """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
+        """Return the fields of a gradual opacity: over a range, over a second "at the end" or, with `inward`, "at the start"."""
         frames, last = self.frames, context.frames - 1
         if (
             self.kind in ("length", "in") and frames is not None and frames[1] is not None
@@ -248,7 +248,7 @@ class When:
         return self._frames | {"frames": frames, "ease": "linear"}
 
     def pause(self, context: SentenceContext) -> dict[str, Any]:
-        """Fields of a freeze."""
+        """Return the fields of a freeze."""
         if self.frames is None:
             return {"at": float(context.frame)}
         return {"at": self.frames[0]} | ({} if self.frames[1] is None else {"until": self.frames[1]})
@@ -313,7 +313,7 @@ def _open(reading: Reading, at: int) -> bool:
 
 
 def _known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """Labels and names that stand there, longest first."""
+    """Yield (end, label or name) of those that begin at a word, longest first."""
     words = tuple(reading.word(i) for i in range(at, min(at + reading.longest, len(reading.tokens))))
     for count in range(len(words), 0, -1):
         for form in (words[:count], (*words[: count - 1], singular(words[count - 1]))):
@@ -326,7 +326,7 @@ _MAX_MODIFIERS = 3
 
 
 def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """A known thing with other words before it: "parked car", "woman's hat"."""
+    """Yield (end, text) of a known thing behind other words: "parked car", "woman's hat"."""
     before = at
     behind_article = reading.word(at - 1) in _ARTICLES
     while before - at < _MAX_MODIFIERS and (
@@ -371,7 +371,7 @@ _PARTS_IN_ING = word_set("wing ring earring lining railing clothing building pai
 
 
 def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """A known part of a known whole: "roof of the house"."""
+    """Yield (end, text) of a known part of a known whole: "roof of the house"."""
     for middle, part in _known_at(reading, at):
         if reading.word(middle) == "'s":  # a part that no label has is the scene's to know
             for end, stranger in _stranger_at(reading, middle + 1):
@@ -392,7 +392,7 @@ _OF_WHOLE = word_set("the a an that this my all every any")
 
 
 def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """A part that no label has of a known whole: "legs of the dog"."""
+    """Yield (end, text) of a part without a label, of a known whole: "legs of the dog"."""
     for middle, part in (*_stranger_at(reading, at), *_strangers_at(reading, at), *_modified_at(reading, at)):
         whole = middle + 1 + (reading.word(middle + 1) in _OF_WHOLE)
         if reading.word(middle) == "of" and (whole > middle + 1 or part in _CAST):
@@ -401,7 +401,7 @@ def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """A known thing by what it wears or has: "woman in red", "man with the yellow hat"."""
+    """Yield (end, text) of a known thing with its clothes or things: "woman in red", "man with the yellow hat"."""
     for middle, label in (*_known_at(reading, at), *_modified_at(reading, at)):
         if reading.word(middle) not in ("in", "with", "wearing"):
             continue
@@ -426,7 +426,7 @@ _WORN = word_set(
 
 
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """One word that no label has."""
+    """Yield (end, word) of one word that no label has."""
     word = reading.word(at)
     if (
         _open(reading, at)
@@ -448,8 +448,11 @@ _SUBJECTS = word_set("it he she this that which who i you we they")
 
 
 def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """One unknown word without an article, which might be a verb ("and juggle"): where no label is known at all, a plural, a
-    name that the sentence gave before, or behind the verb that a sentence begins with, as in notes: "omit vehicle"."""
+    """Yield (end, word) of one unknown word without an article, which might be a verb ("and juggle").
+
+    That is a thing where no label is known at all, in the plural, where the sentence named it before, or behind the verb that a
+    note begins with: "omit vehicle".
+    """
     earlier_words = {token.text for token in reading.tokens[:at]}
     noted = at == 1 and reading.word(0) in _CHANGING
     for end, name in _stranger_at(reading, at) if reading.word(at - 1) not in _SUBJECTS else ():
@@ -458,7 +461,7 @@ def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 def _strangers_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """Two or three words of which no label has any: "flux capacitor", where an article says that a name begins."""
+    """Yield (end, text) of two or three words without a label, behind an article: "flux capacitor"."""
     end = at
     while end - at < _MAX_MODIFIERS and _open(reading, end) and not any(True for _ in _known_at(reading, end)):
         end += 1
@@ -470,7 +473,7 @@ def _strangers_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """The label of people in "everyone"."""
+    """Yield (end, label) of "everyone"."""
     if reading.word(at) in ("everyone", "everybody", "whoever"):
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
@@ -487,7 +490,7 @@ _determiner = _article + ~_several
 
 
 def _things(match: Callable[[Reading, int], Iterator[tuple[int, str]]]) -> Rule:
-    """The `Who` of a noun."""
+    """Return the rule that makes a `Who` of a noun."""
 
     def thing_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
         every = _is_every(reading, at)
@@ -577,7 +580,7 @@ def _beside(context: SentenceContext, kind: tuple[Who, bool], where: Where, othe
 
 
 def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
-    """A noun in the plural."""
+    """Yield (end, who) of a noun in the plural."""
     yield from ((end, who) for end, (who,) in _noun.at(reading, at).items() if _is_plural(reading, end - 1))
 
 
@@ -751,7 +754,7 @@ _around = (
 
 @who_of
 def _the_other(context: SentenceContext, noun: Who | None) -> SelectKind:
-    """All of the kind but the one that was named last."""
+    """Return all of the kind but the one that was named last."""
     last = context.it("'the other one'")
     if not isinstance(last, Instance | Beside) or (noun and noun(context) != last.of):
         raise Refusal("Which one is the other is not said; say for example 'the left one'.")
@@ -773,7 +776,7 @@ _named_noun = _determined | familiar
 
 
 def _with_number_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[Who, bool]]]:
-    """A noun, and whether it is in the plural."""
+    """Yield (end, (who, True in the plural)) of a noun."""
     yield from ((end, (who, _is_plural(reading, end - 1))) for end, (who,) in _named_noun.at(reading, at).items())
 
 
@@ -810,7 +813,7 @@ _definite = _say(
 
 
 def together(parts: Sequence[SelectKind]) -> SelectKind:
-    """Any of the parts; neighbouring labels become one `Text`."""
+    """Return the union of the parts; neighbouring labels become one `Text`."""
     merged: list[SelectKind] = []
     for part in parts:
         before = merged[-1] if merged else None
@@ -984,7 +987,7 @@ beside_itself = _say("<_beside_what> <THE_FIRST> ![left|right]") >> (lambda wher
 
 
 def whose(quality: str) -> Rule:
-    """The `Who` of "the size of the dog", "the dog's size", "its size"."""
+    """Return the rule that makes a `Who` of "the size of the dog", "the dog's size", "its size"."""
     return either(
         ~keyword("the|all|all the") + keyword(quality) + keyword("of|for|on|(out) from|in|out of") + thing,
         keyword("its|their|his|her|this|that") + keyword(quality) >> (lambda *_: lambda context: context.it("'its'")),

@@ -11,7 +11,7 @@ from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..language.grammar import read_as_meant
 from ..language.refusal import Doubt, Refusal
-from ..query.cast import untaught_words
+from ..query.cast import with_untaught
 from ..query.chat import ChatServer
 from ..query.engines import BARE, Engines
 from ..query.inventory import words_there
@@ -81,12 +81,7 @@ class Proposal:
 
 
 def propose(
-    scene: Scene,
-    sentence: str,
-    context: EditorState | None = None,
-    engines: Engines = BARE,
-    *,
-    candidates: int = 1,
+    scene: Scene, sentence: str, context: EditorState | None = None, engines: Engines = BARE, *, candidates: int = 1
 ) -> Proposal:
     """Resolve `sentence` in `scene` with its present edits into up to `candidates` variants, of which the judge chooses.
 
@@ -151,12 +146,11 @@ def _raise_with_help(
 def read_sentence(
     scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None
 ) -> tuple[tuple[Change, ...], str, tuple[str, ...]]:
-    """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
+    """Return (operations in the words of the sentence, not yet resolved; the reader that understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
     chosen = None if context.selection is None else context.selection.for_ids(scene.ids).chosen
     sentence, people = in_ordinals(scene, sentence, "sentence", scene.cameras.frame_at(context.frame), chosen, names)
-    labels = [*labels_of(scene), *people]
-    labels += untaught_words(scene) if labels else []  # where no word is known, any may be a name
+    labels = with_untaught(scene, [*labels_of(scene), *people])
     request = Request(sentence, labels, names, scene.fps, len(scene.cameras), chosen is not None, context.frame)
     notes: tuple[str, ...] = ()
     if server is not None:
@@ -181,7 +175,7 @@ def read_sentence(
 
 
 def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
-    """The copies that the edits of a scene made and that are there -> what was copied, in order."""
+    """Return a dictionary from the copies that edits made and that are still there to their originals, in order."""
     found: dict[SelectKind, SelectKind] = {}
     for step in getattr(scene, "steps", ()):
         if step.copied is not None:
@@ -193,12 +187,12 @@ def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
 
 
 def _there(scene: Scene) -> tuple[str, ...]:
-    """Labels that examples may speak of."""
+    """Return labels that examples may speak of."""
     return tuple(words_there(scene)[0]) if labels_of(scene) else ()
 
 
 def _offered(sentence: str, asked: Sequence[Change], there: Sequence[str]) -> tuple[str, ...]:
-    """Commands about what is `there`, in place of a sentence about what is not.
+    """Return commands about things that are `there`, in place of a sentence about one that is not.
 
     A sentence that spares a thing is offered again with another one spared: nobody who says "everything but" means the rest.
     """
@@ -210,7 +204,7 @@ def _offered(sentence: str, asked: Sequence[Change], there: Sequence[str]) -> tu
 
 
 def words_in(value: Any) -> Iterator[str]:
-    """The words for things in operations and selections."""
+    """Yield the words for things in operations and selections."""
     if isinstance(value, Text):
         yield from value.labels
     elif isinstance(value, Record):
@@ -220,7 +214,7 @@ def words_in(value: Any) -> Iterator[str]:
 
 
 def _idle(scene: Scene, operations: tuple[Change, ...]) -> Iterator[str]:
-    """A sentence about each operation that gives other moments to what is the same at all of them, or leaves some out."""
+    """Yield a sentence about each operation that changes nothing, is not seen, or may do other than expected."""
     clip = (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
     for operation in operations:
         retimes = operation.time_map(clip) is not None
@@ -259,7 +253,7 @@ def apply(path: Path | str, candidate: Candidate) -> EditStack:
 
 
 def _variants(asked: tuple[Change, ...]) -> Iterator[tuple[tuple[Change, ...], bool, str]]:
-    """(operations, tidy, why): the plain reading first, then others; some may come to the same."""
+    """Yield (operations, tidy, why): the plain reading first, then others; some may come to the same."""
     yield asked, False, ""
     yield asked, True, "without stray pieces"
     for number, threshold in enumerate(THRESHOLDS):
@@ -272,5 +266,5 @@ def _variants(asked: tuple[Change, ...]) -> Iterator[tuple[tuple[Change, ...], b
 
 
 def _with_threshold(operation: Change, threshold: float) -> Change:
-    """An operation with another threshold for the words in it."""
+    """Return an operation with another threshold for its words."""
     return mapped(operation, lambda value: value.altered(threshold=threshold) if isinstance(value, Text) else None)  # type: ignore[no-any-return]

@@ -23,7 +23,7 @@ SLIGHT = 0.02
 
 
 def plan_lines(scene: Scene, operations: Sequence[Change], frame: float = 0.0) -> Iterator[str]:
-    """One line for each of the resolved `operations`, as the camera at its first frame, else at `frame`, sees it."""
+    """Yield a line for each of the resolved `operations`, as the camera at its first frame, else at `frame`, sees it."""
     scene, fps = edited(scene), scene.fps
     for operation in operations:
         line = as_seen(scene, operation, frame) + _share(scene, operation)
@@ -43,7 +43,7 @@ def _share(scene: Scene, operation: Change) -> str:
 
 
 def sizes(scene: Scene) -> dict[int, tuple[int, ...]]:
-    """Id of an edit in effect -> how many Gaussians it is for; of two things that change places, of each."""
+    """Return a dictionary from the id of each edit in effect to its number of Gaussians; two numbers for an exchange of places."""
     found: dict[int, list[int]] = {}
     for step in getattr(scene, "steps", ()):
         found.setdefault(step.edit.id, []).append(int(step.chosen.sum()))
@@ -86,7 +86,7 @@ class Seen:
         return self.posed.means[self.rows]
 
     def in_widths(self, way: Vector) -> Vector:
-        """A way of the world in widths of the Gaussians along the camera's axes; what is slight beside the rest is none."""
+        """Return a shift of the world in widths of the Gaussians along the camera's axes; slight parts become 0."""
         width = max(width_along(self.posed, self.rows, self.axes[:, 0]), 1e-9) if len(self.rows) else 1.0
         seen = self.axes.T @ np.array(way) / width
         x, y, z = (float(np.round(part, 2)) if abs(part) >= SLIGHT * np.abs(seen).max() else 0.0 for part in seen)
@@ -94,6 +94,6 @@ class Seen:
 
 
 def as_seen(scene: Scene, operation: Change, frame: float = 0.0) -> str:
-    """A resolved operation in words, its ways in widths of the thing and its turns as the camera at that frame sees them."""
+    """Return a resolved operation in words, with shifts in widths of the thing and rotations as the camera then sees them."""
     time = operation.span[0] if operation.span else frame
     return operation.as_seen(Seen(scene, rows_of(scene, operation.select), time))

@@ -33,7 +33,7 @@ class Record:
     TAG = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for `json.dumps`: the tag, then every field that differs from its default or has none."""
+        """Return plain values for `json.dumps`: the tag, then every field that differs from its default or has none."""
         values = {self.KEY: self.TAG} if self.KEY else {}
         for entry in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
             value = getattr(self, entry.name)
@@ -42,12 +42,12 @@ class Record:
         return values
 
     def altered(self, **changed: Any) -> Self:
-        """The same with other values in some fields."""
+        """Return the record with other values in some fields."""
         return replace(self, **changed)  # type: ignore[type-var]  # every subclass is a dataclass
 
 
 def mapped(value: Any, change: Callable[[Any], Any]) -> Any:
-    """`value`, a record or a part of one, in which everything of which `change` makes something is replaced by that."""
+    """Return `value`, a record or a part of one, with each part for which `change` returns something replaced by that."""
     found = change(value)
     if found is not None:
         return found
@@ -59,7 +59,7 @@ def mapped(value: Any, change: Callable[[Any], Any]) -> Any:
 
 
 def read_record(family: Any, data: Any, where: str, depth: int = 0) -> Any:
-    """The dataclass (or member of a union of tagged dataclasses) `family` that the JSON object `data` describes.
+    """Return the dataclass (or member of a union of tagged dataclasses) `family` that the JSON object `data` describes.
 
     `where` begins every sentence, for example "edit 3". Raises F4xError.
     """
@@ -106,7 +106,7 @@ def _plain(value: Any) -> Any:
 
 
 def _value(hint: Any, value: Any, where: str, depth: int) -> Any:
-    """`value` as the type `hint` wants it: bool, int, float, str, Literal, tuple, `X | None`, or a record."""
+    """Return `value` as the type `hint`: bool, int, float, str, Literal, tuple, `X | None`, or a record."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Literal:
         if value not in parts:
@@ -143,7 +143,7 @@ def _tuple(parts: tuple[Any, ...], value: Any, where: str, depth: int) -> tuple[
 
 
 def _first(hints: list[Any], value: Any, where: str, depth: int) -> Any:
-    """The value by the first hint that takes it; the last one's complaint when none does."""
+    """Return the value by the first hint that accepts it; raises the last one's complaint where none does."""
     for hint in hints[:-1]:
         try:
             return _value(hint, value, where, depth)
@@ -168,6 +168,6 @@ def _short(value: Any) -> str:
 
 
 def near(name: Any, known: Any) -> str:
-    """ ", near it is 'x'" where one of `known` is spelt like `name`, else nothing."""
+    """Return ", near it is 'x'" where one of `known` is spelt like `name`, else nothing."""
     near = get_close_matches(str(name), [str(item) for item in known], 1, 0.6)
     return f", near it is '{near[0]}'" if near else ""

@@ -29,7 +29,7 @@ _say = Notation(globals())
 
 
 def _reasons(phrases: Mapping[str, str]) -> tuple[tuple[Rule, str], ...]:
-    """The rules of phrases, each with its reason, in which `{words}` are those that the phrase matched."""
+    """Return (rule, reason) of each phrase; `{words}` in a reason stands for what the phrase matched."""
     return tuple((_say(phrase), reason) for phrase, reason in phrases.items())
 
 
@@ -96,7 +96,7 @@ UNCLEAR = _reasons({
 
 
 def reason_of(rows: Iterable[tuple[Rule, str]], reading: Reading) -> str:
-    """The reason of the first row whose phrase stands somewhere in a sentence; nothing where none does."""
+    """Return the reason of the first row whose phrase occurs in a sentence; empty where none does."""
     for rule, reason in rows:
         for at in range(len(reading.tokens)):
             if ends := rule.at(reading, at):

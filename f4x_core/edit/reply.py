@@ -56,7 +56,7 @@ class Target(Strict):
     except_words: Words
 
     def select(self, request: Request) -> SelectKind:
-        """The selection; F4xError for a word that neither scene nor sentence knows."""
+        """Return the selection; F4xError for a word that neither scene nor sentence knows."""
         known, sentence = {label.lower() for label in request.labels}, request.sentence.lower()
         for word in (*(self.words if self.kind == "words" else ()), *self.except_words):
             if known and word.lower() not in known and word.lower() not in sentence:
@@ -95,7 +95,7 @@ class RequestedChange(Strict):
     target: Target
 
     def operation(self, request: Request) -> Change:
-        """The typed operation, unresolved."""
+        """Return the typed operation, unresolved."""
         self._present = request.frame
         who, make = self.target.select(request), self.REPLY.make
         return self._field_by_field(who, request) if make is None else make(self, who, lambda one: one.select(request))
@@ -108,7 +108,7 @@ class RequestedChange(Strict):
     _present: float = PrivateAttr(0.0)
 
     def _field_by_field(self, who: SelectKind, request: Request) -> Change:
-        """The operation of which this is the reply; what is not asked for keeps its default."""
+        """Return the operation field by field; fields that the reply leaves out keep their defaults."""
         values: dict[str, Any] = {"select": who}
         for entry in fields(self.KIND):
             if "degrees" in entry.metadata:
@@ -147,7 +147,7 @@ _HIDDEN = ("shift", "first_id", "ease", "along")
 
 
 def _model(kind: type[Change], reply: Reply) -> type[RequestedChange]:
-    """The model of a reply: numbers within their range, or percentages of the operation's own fields."""
+    """Return the model of a reply: numbers within their range, or percentages of the operation's own fields."""
     shape: dict[str, Any] = {"op": (Literal[reply.op], ...)}
     if reply.make is None:
         for entry in fields(kind):  # type: ignore[arg-type]  # every operation is a dataclass
@@ -212,7 +212,7 @@ def read_answer(kind: type[Answer], data: Any) -> Answer:
 
 @cache
 def schema_of(kind: type[Strict]) -> dict[str, Any]:
-    """JSON schema of an answer as strict servers and grammars take it: alternatives as `anyOf`, no discriminator."""
+    """Return the JSON schema of an answer as strict servers and grammars take it: alternatives as `anyOf`, no discriminator."""
     return _simple(kind.model_json_schema())
 
 

@@ -65,7 +65,7 @@ class Absent(F4xError):  # noqa: N818  # nothing went wrong
     """No Gaussian of the scene matches the words."""
 
     def __init__(self, reason: str, commands: tuple[str, ...] | None = None):
-        """`commands`: those that help; None: such as are near what was said."""
+        """Give the reason; `commands` are those that help, None: those near the sentence."""
         super().__init__(reason)
         self.commands = commands
 
@@ -83,7 +83,7 @@ class EditorState:
 
 
 def resolve(scene: Scene, operation: Change, context: EditorState, encode: Encode | None = None) -> Change:
-    """`operation` as a stack holds it: it means the same whenever it is replayed on `scene` with its present edits.
+    """Return `operation` as a stack holds it: it means the same whenever it is replayed on `scene` with its present edits.
 
     Words, prompts, "it" and "the left one" become `Ids`; `All`, `Moving`, `Named` and combinations stay. `unit: size` becomes
     world units by the selection's width, `axes: camera` the axes of the clip's camera, both at the first frame of the
@@ -105,7 +105,7 @@ class Resolver:
         self._hidden_too = False
 
     def resolve_sentence(self, scene: Scene, operations: Sequence[Change], tidy: bool = False) -> tuple[Change, ...]:
-        """The operations of one sentence, each resolved in the scene that those before it leave.
+        """Return the operations of one sentence, each resolved in the scene that those before it leave.
 
         Words mean what they match before the sentence, and the same each time they occur: a copy is no second dog.
         Every single one has to be answered; `Absent` names the one that is not.
@@ -139,7 +139,7 @@ class Resolver:
         return operation.altered(**changed)
 
     def select(self, scene: Scene, select: SelectKind, tidy: bool = False) -> SelectKind:
-        """The selection in ids, names, `all` and `moving`; F4xError where it is empty."""
+        """Return the selection in ids, names, `all` and `moving`; F4xError where it is empty."""
         found = self._cached(scene, select, tidy)
         if not len(rows_of(scene, found)):
             if chosen(scene, found).any():
@@ -150,7 +150,7 @@ class Resolver:
         return found
 
     def selection(self, scene: Scene, text: Text) -> Selection:
-        """The scored selection of words, at their threshold."""
+        """Return the scored selection of words, at their threshold."""
         key = (not_deleted(scene).tobytes(), replace(text, threshold=THRESHOLD))
         if key not in self._found:
             for label in text.labels:
@@ -180,13 +180,13 @@ class Resolver:
         return frame_of_most(scene, rows, self._separate(scene, rows), round(self.context.frame))
 
     def _separate(self, scene: Scene, rows: np.ndarray) -> np.ndarray:
-        """`separate_objects` of the Gaussians `rows (n,)` at the context's frame; people are known, and a backdrop is one."""
+        """Return `separate_objects` of the Gaussians `rows (n,)` at the context's frame; people are known, a backdrop is one."""
         owner = separate_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))
         backdrop = is_backdrop(scene, rows[owner == np.bincount(owner).argmax()], self.context.frame)
         return np.zeros(len(rows), int) if backdrop else owner
 
     def each(self, scene: Scene, select: SelectKind, rows: np.ndarray, tidy: bool) -> tuple[SelectKind, ...]:
-        """The separate things of a selection, each of which turns and grows about itself; none where it is one, or all there is."""
+        """Return the separate things of a selection, each of which turns and grows about itself; none where it is one, or all."""
         if isinstance(select, Text) and len(select.labels) > 1:
             kinds: tuple[SelectKind, ...] = tuple(replace(select, labels=(label,)) for label in select.labels)
         elif isinstance(select, Or):
@@ -258,7 +258,7 @@ class Resolver:
         return select
 
     def _words(self, scene: Scene, select: Text, tidy: bool) -> Ids:
-        """The Gaussians that words mean; `Absent` where there are not as many things as the words say."""
+        """Return the Gaussians that words mean; `Absent` where there are fewer or more things than the words say."""
         rows = self._rows_of_words(scene, select)
         if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
             rows = first
@@ -276,7 +276,7 @@ class Resolver:
         return Ids.of(scene.ids[rows])
 
     def _by_place(self, scene: Scene, select: Instance | Part | Beside, tidy: bool) -> np.ndarray:
-        """(n,) rows of a thing, of things or of a part of one that are known by where they are, seen through the clip's camera."""
+        """Return the rows (n,) of a thing, things or a part that are known by their place, seen through the clip's camera."""
         time = float(select.frame)
         posed, camera = scene.posed(time), scene.cameras.at(time)
         if isinstance(select, Instance) and select.of == All():
@@ -303,14 +303,14 @@ class Resolver:
         return rows[part_of(posed.means[rows], select.side, select.share, camera)]
 
     def _going(self, scene: Scene, way: str) -> np.ndarray:
-        """(n,) rows of the known things that go to the `way` across the picture."""
+        """Return the rows (n,) of the known things that go to the `way` across the picture."""
         owner = known_things(scene, self.context.frame)
         rows = np.flatnonzero((owner != NO_THING) & scene.moving)
         numbers = np.unique(owner[rows], return_inverse=True)[1]
         return rows[ways_of(scene, rows, numbers) == way]
 
     def _nearest_of_all(self, scene: Scene, select: Instance) -> np.ndarray:
-        """(n,) rows of the known thing of all that is `which`, backdrops left out."""
+        """Return the rows (n,) of the one among all known things that is `which`, backdrops left out."""
         time = float(select.frame)
         owner = known_things(scene, time)
         for thing in range(owner.max() + 1):
@@ -325,7 +325,7 @@ class Resolver:
         return pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time), known)
 
     def _rows_of_words(self, scene: Scene, text: Text) -> np.ndarray:
-        """(n,) rows that words mean; of a compound those that are the kind of thing it says, too: the dog's hat is a hat."""
+        """Return the rows (n,) that words mean; of a compound those of its kind of thing, too: the dog's hat is a hat."""
         known = labels_of(scene)
         heads = {label: head_of(label, {word.lower() for word in known}) for label in text.labels}
 
@@ -364,11 +364,11 @@ class Resolver:
         return self.context.selection.for_ids(scene.ids)
 
     def _split(self, scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`split_objects` of the Gaussians `rows (n,)` at the context's frame; people are known by themselves."""
+        """Return `split_objects` of the Gaussians `rows (n,)` at the context's frame; people are known by themselves."""
         return split_objects(scene.posed(self.context.frame), rows, single_people(scene, rows))
 
     def _nothing(self, scene: Scene, select: SelectKind) -> str:
-        """The sentence about a selection that holds no Gaussian."""
+        """Return the sentence about a selection without a Gaussian."""
         words = next((part for part in parts_of(select) if isinstance(part, Text)), None)
         if any(isinstance(part, Heading) for part in parts_of(select)):
             return f"In the scene '{scene.name}' nothing answers to '{whom(select)}'."
@@ -402,7 +402,7 @@ class Settling:
         return self.rows_of("select")
 
     def rows_of(self, name: str) -> np.ndarray:
-        """(n,) rows of the selection in a field."""
+        """Return the rows (n,) of the selection in a field."""
         return rows_of(self.scene, self.selects[name])
 
     @property
@@ -426,7 +426,7 @@ class Settling:
         return self.posed.means
 
     def each(self) -> tuple[SelectKind, ...]:
-        """The separate things that it is for; none where it is one."""
+        """Return the separate things of the selection; none where it is one."""
         return self.resolver.each(self.scene, self.operation.select, self.rows, self.tidy)
 
     @property
@@ -444,7 +444,7 @@ class Settling:
         return _attached(self.scene, self.rows, self._there, lifted)
 
     def with_attached(self, select: SelectKind) -> SelectKind:
-        """A selection with what goes along with it."""
+        """Return a selection with what goes along with it."""
         along = _attached(self.scene, rows_of(self.scene, select), self._there)
         return select if along is None else Or((select, along))
 
@@ -452,7 +452,7 @@ class Settling:
 def nothing_called(
     scene: Scene, labels: Sequence[str], threshold: float, best: float, encode: Encode | None = None
 ) -> str:
-    """The sentence about labels that no Gaussian has at `threshold`; `best`: the highest probability of one."""
+    """Return the sentence about labels that no Gaussian has at `threshold`; `best`: the highest probability of one."""
     _, hint = instead(scene, labels, encode)
     return (
         f"In the scene '{scene.name}' nothing is called '{', '.join(labels)}' with a probability of"
@@ -461,22 +461,22 @@ def nothing_called(
 
 
 def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
-    """(n,) int rows of `scene.posed` in a resolved selection, without those that are deleted at all times."""
+    """Return the rows (n,) int of `scene.posed` in a resolved selection, without those that are deleted at all times."""
     return np.flatnonzero(chosen(scene, select) & ~splat_rows(scene).gone)
 
 
 def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
-    """(N,) bool over `scene.posed`: the rows of a resolved selection."""
+    """Return the rows (N,) bool of `scene.posed` in a resolved selection."""
     return splat_rows(scene).chosen(select)
 
 
 def _cast_words(select: SelectKind) -> tuple[str, ...]:
-    """Those words of a selection that name a shadow or the like."""
+    """Return the words of a selection that name a shadow or the like."""
     return tuple(filter(is_cast, select.labels)) if isinstance(select, Text) else ()
 
 
 def _without_own_shadow(operation: Change) -> Change:
-    """The operation; where its shadow goes along anyway, "the car and its shadow" are the car."""
+    """Return the operation on "the car" for "the car and its shadow", where the shadow goes along anyway."""
     select, shadows = operation.select, _cast_words(operation.select)
     if not isinstance(operation, ChangeWithShadow) or not isinstance(select, Text) or any(map(caster, shadows)):
         return operation
@@ -512,7 +512,7 @@ def named(scene: Scene, selected: Selection | None = None) -> dict[str, Selectio
 
 
 def splat_rows(scene: Scene) -> SplatRows:
-    """The Gaussians of a scene as its edits leave them."""
+    """Return the Gaussians of a scene as its edits leave them."""
     return scene.rows if isinstance(scene, EditedScene) else SplatRows.of(scene)
 
 

@@ -58,7 +58,7 @@ class SelectingSentence:
 def read_selecting(
     scene: Scene, sentence: str, context: EditorState | None = None, *, encode: Encode | None = None
 ) -> SelectingSentence | None:
-    """The selection that `sentence` asks for in `scene` with its edits; None for a sentence that does not merely select.
+    """Return the selection that `sentence` asks for in `scene` with its edits; None where it does not merely select.
 
     Raises F4xError: it selects a thing that is not there, or that the scene does not know.
     """

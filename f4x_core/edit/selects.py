@@ -97,7 +97,7 @@ class Ids(Select):
 
     @classmethod
     def of(cls, ids: np.ndarray) -> Ids:
-        """The selection of `ids (n,)` in any order, doubles dropped."""
+        """Return the selection of `ids (n,)` in any order; doubles are dropped."""
         ids = np.unique(np.asarray(ids, np.int64))
         if len(ids) <= FEW or (ids[-1] - ids[0]) > 64 * len(ids):  # so thinly spread that the list is shorter
             return cls(ids=tuple(ids.tolist()))
@@ -141,7 +141,7 @@ class Text(Select):
             raise F4xError(f"threshold is {self.threshold:g}; give a fraction from 0 to 1.")
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values without `single`, which only matters while a sentence is planned."""
+        """Return plain values without `single`, which only matters while a sentence is planned."""
         return {name: value for name, value in super().to_json().items() if name != "single"}
 
 
@@ -259,7 +259,7 @@ SelectKind = Union[All, Moving, Heading, Current, Named, Ids, Text, Point, Box, 
 
 
 def parts_of(select: SelectKind) -> Iterator[SelectKind]:
-    """A selection and everything it is made of."""
+    """Yield a selection and everything it is made of."""
     yield select
     of = getattr(select, "of", ())
     for part in (*(of if isinstance(of, tuple) else (of,)), *((select.other,) if isinstance(select, Beside) else ())):

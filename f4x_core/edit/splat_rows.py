@@ -39,18 +39,18 @@ class SplatRows:
 
     @classmethod
     def of(cls, scene: Scene) -> SplatRows:
-        """The rows of a scene without edits."""
+        """Return the rows of a scene without edits."""
         moving = np.arange(len(scene.static) + len(scene.dynamic)) >= len(scene.static)
         ids = np.concatenate([scene.static.ids, scene.dynamic.ids])
         return cls(ids, np.arange(len(ids)), moving, moving, np.zeros(len(ids), bool), {})
 
     def by_id(self, chosen: np.ndarray) -> np.ndarray:
-        """(n,) the rows `chosen (N,) bool` in the order of their ids."""
+        """Return the rows `chosen (N,) bool` as indices (n,) in the order of their ids."""
         picked = np.flatnonzero(chosen)
         return picked[np.argsort(self.ids[picked])]
 
     def chosen(self, select: SelectKind) -> np.ndarray:
-        """(N,) bool: the rows that `select` selects. Unknown ids, such as those of copies of a disabled edit, are ignored."""
+        """Return the rows (N,) bool that `select` selects; unknown ids, such as those of copies of a disabled edit, are ignored."""
         if isinstance(select, All):
             return np.ones(len(self.ids), bool)
         if isinstance(select, Moving):
@@ -115,7 +115,7 @@ class Step:
         return getattr(self.edit.operation, "first_id", 0) + np.arange(made)
 
     def read(self, time: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """For its own `rows (n,)` at `time`: (time (n,), row of `before` (n,), number of the copy (n,), 0 = none)."""
+        """Return (time (n,), row of `before` (n,), number of the copy (n,), 0 = none) that its own `rows (n,)` show at `time`."""
         when, copy = np.full(len(rows), float(time)), np.zeros(len(rows), int)
         if self.time_map is not None:
             when[self.chosen[rows]] = self.time_map(time)
@@ -130,7 +130,7 @@ class Step:
 
 
 def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], SplatRows]:
-    """The edits that have an effect, in order, and the Gaussians after them. Raises F4xError that names the edit."""
+    """Return the edits that have an effect, in order, and the Gaussians after them. F4xError names the edit."""
     rows, clip = SplatRows.of(scene), (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
     steps = []
     for number, edit in enumerate(edits, 1):
@@ -165,12 +165,12 @@ def _step(edit: Edit, rows: SplatRows, clip: tuple[float, float]) -> tuple[Step 
 
 
 def with_name(rows: SplatRows, name: str, named: np.ndarray) -> SplatRows:
-    """`rows` of which `named (n,)` have a name."""
+    """Return `rows` with a name for the rows `named (n,)`."""
     return replace(rows, names={**rows.names, name: named})
 
 
 def with_copies(rows: SplatRows, picked: np.ndarray, count: int, first_id: int, name: str = "") -> SplatRows:
-    """`rows` with `count` copies of the rows `picked (n,)` after them, which have a name and ids from `first_id` on."""
+    """Return `rows` followed by `count` copies of the rows `picked (n,)`, which have a name and ids from `first_id` on."""
     total = len(rows.ids) + len(picked) * count
     if total > MAX_GAUSSIANS:
         raise F4xError(f"the scene would come to {total:,} Gaussians; {MAX_GAUSSIANS:,} are the most, so copy less.")

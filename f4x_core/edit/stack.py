@@ -56,7 +56,7 @@ class Edit:
         return f"edit {number} ({self.operation.TAG})"
 
     def to_json(self) -> dict[str, Any]:
-        """The operation's JSON with `id`, and with `enabled` and `said` (the sentence) where they differ from the default."""
+        """Return the operation's JSON with `id`, and `enabled` and `said` (the sentence) where they differ from the default."""
         more: dict[str, Any] = {} if self.enabled else {"enabled": False}
         return {**self.operation.to_json(), "id": self.id, **more, **({"said": self.sentence} if self.sentence else {})}
 
@@ -116,7 +116,7 @@ class EditStack:
         raise F4xError(f"there is no edit {id}; the stack has {', '.join(str(e.id) for e in self.edits) or 'none'}.")
 
     def append(self, operation: Change, sentence: str = "") -> EditStack:
-        """The stack with one more edit, after which there is nothing to redo. Its inverse: `undo`."""
+        """Return the stack with one more edit, after which there is nothing to redo. Its inverse: `undo`."""
         id = 1 + max((edit.id for edit in (*self.edits, *self.undone)), default=0)
         for earlier in operation.taken_back:
             if not self.edits[self.position(earlier)].enabled:
@@ -125,44 +125,44 @@ class EditStack:
         return EditStack((*self.edits, edit))._taken_back(edit)
 
     def undo(self) -> EditStack:
-        """Without the last edit, which `redo` brings back; F4xError where there is none."""
+        """Return the stack without the last edit, which `redo` brings back; F4xError where there is none."""
         if not self.edits:
             raise F4xError("there is nothing to undo.")
         return EditStack(self.edits[:-1], (*self.undone, self.edits[-1]))._taken_back(self.edits[-1], False)
 
     def redo(self) -> EditStack:
-        """With the edit that was undone last; F4xError where there is none."""
+        """Return the stack with the edit that was undone last; F4xError where there is none."""
         if not self.undone:
             raise F4xError("there is nothing to redo.")
         return EditStack((*self.edits, self.undone[-1]), self.undone[:-1])._taken_back(self.undone[-1])
 
     def enable(self, id: int, on: bool) -> EditStack:
-        """With the edit `id` switched on or off."""
+        """Return the stack with the edit `id` switched on or off."""
         edit = replace(self.edits[self.position(id)], enabled=on)
         return self._with(edit)._taken_back(edit)
 
     def replace(self, id: int, operation: Change) -> EditStack:
-        """With another operation as edit `id`, in its place. Its inverse: `replace` by the old one."""
+        """Return the stack with another operation in the place of edit `id`. Its inverse: `replace` by the old one."""
         return self._with(replace(self.edits[self.position(id)], operation=operation))
 
     def remove(self, id: int) -> EditStack:
-        """Without the edit `id`. Its inverse: `insert`."""
+        """Return the stack without the edit `id`. Its inverse: `insert`."""
         at = self.position(id)
         return replace(self, edits=self.edits[:at] + self.edits[at + 1 :])._taken_back(self.edits[at], False)
 
     def insert(self, edit: Edit, at: int) -> EditStack:
-        """With `edit` at the index `at` (0 = first)."""
+        """Return the stack with `edit` at the index `at` (0 = first)."""
         if not 0 <= at <= len(self.edits):
             raise F4xError(f"{at} is no place in a stack of {len(self.edits)}; give 0 to {len(self.edits)}.")
         return replace(self, edits=(*self.edits[:at], edit, *self.edits[at:]))._taken_back(edit)
 
     def move(self, id: int, to: int) -> EditStack:
-        """With the edit `id` at the index `to`. Its inverse: `move` back to its old index."""
+        """Return the stack with the edit `id` at the index `to`. Its inverse: `move` back to its old index."""
         edit = self.edits[self.position(id)]
         return self.remove(id).insert(edit, to)
 
     def _taken_back(self, edit: Edit, back: bool = True) -> EditStack:
-        """With the edits that `edit` takes back switched off, or on again where that is not `back` any more."""
+        """Return the stack with the edits that `edit` takes back switched off, or on again where `back` is False."""
         off, ids = back and edit.enabled, edit.operation.taken_back
         return replace(self, edits=tuple(replace(one, enabled=not off) if one.id in ids else one for one in self.edits))
 
@@ -171,12 +171,12 @@ class EditStack:
         return replace(self, edits=(*self.edits[:at], edit, *self.edits[at + 1 :]))
 
     def to_json(self) -> list[dict[str, Any]]:
-        """The list `edits` of scene.json."""
+        """Return the list `edits` of scene.json."""
         return [edit.to_json() for edit in self.edits]
 
 
 def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
-    """`ours` with everything that `theirs` changed since `base`; F4xError names the edit that both changed differently.
+    """Return `ours` with everything that `theirs` changed since `base`; F4xError names an edit that both changed differently.
 
     New edits of theirs follow ours and get new ids where ours has taken theirs. Where both only reordered, ours holds. What
     was undone is forgotten.
@@ -209,18 +209,18 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
 
 
 def of(scene: Scene) -> EditStack:
-    """The stack of a scene; F4xError names what cannot be read."""
+    """Return the stack of a scene; F4xError names what cannot be read."""
     return _read(scene.edits, scene.extra_fields.get(UNDONE, []), scene.name)
 
 
 def with_stack(scene: Scene, stack: EditStack) -> Scene:
-    """The scene, its base arrays shared, with another stack."""
+    """Return the scene, its base arrays shared, with another stack."""
     fields = {name: value for name, value in scene.extra_fields.items() if name != UNDONE}
     return replace(scene, edits=tuple(stack.to_json()), extra_fields={**fields, **_undone(stack)})
 
 
 def read_stack(path: Path | str) -> EditStack:
-    """The stack in a scene file, without reading its arrays."""
+    """Return the stack in a scene file, without reading its arrays."""
     header = read_header(path)
     return _read(header["edits"], header.get(UNDONE, []), str(path))
 

@@ -38,7 +38,7 @@ class Appearance(NamedTuple):
     """(n,S,3) float32."""
 
     def with_opacities(self, chosen: np.ndarray, opacities: np.ndarray | np.float32) -> Appearance:
-        """The same with other opacities where `chosen (n,) bool`."""
+        """Return the appearance with other opacities where `chosen (n,) bool`."""
         return self._replace(opacities=np.where(chosen, opacities, self.opacities))
 
 
@@ -59,13 +59,13 @@ class Motion(NamedTuple):
         return self.pivot + self.translate - self.scale * quaternion.rotate(self.rotation, self.pivot)
 
     def after(self, other: Motion) -> Motion:
-        """The composition: `other` first, then this motion."""
+        """Return the composition: `other` first, then this motion."""
         shift = self.scale * quaternion.rotate(self.rotation, other.shift) + self.shift
         rotation = quaternion.multiply(self.rotation, other.rotation)
         return Motion(rotation, self.scale * other.scale, np.zeros(3), shift)
 
     def __call__(self, placed: Placement) -> Placement:
-        """The Gaussians moved; what does not change keeps its bits."""
+        """Return the Gaussians moved; values that do not change keep their bits."""
         turns, resizes = self.rotation[1:].any(), self.scale != 1
         if not (turns or resizes or self.translate.any()):
             return placed
@@ -96,7 +96,7 @@ def put(state: State, where: np.ndarray, values: State) -> State:
 
 
 def pivot_of(kind: str, means: np.ndarray) -> np.ndarray:
-    """(3,) float64 the `centroid` (median) of `means (n,3)`, or its `base`: the lowest middle (y points down)."""
+    """Return the `centroid` (3,) float64 (median) of `means (n,3)`, or its `base`: the lowest middle (y points down)."""
     pivot = np.median(means, axis=0).astype(np.float64)
     if kind == "base":
         pivot[1] = np.percentile(means[:, 1], BASE_PERCENTILE)

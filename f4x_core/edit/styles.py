@@ -16,7 +16,7 @@ class StyleColors:
 
 
 def _ramp(*colours: str) -> tuple[tuple[float, float, float], ...]:
-    """Colours as six hexadecimal digits."""
+    """Return colors (…,3) in [0, 1] from six hexadecimal digits each."""
     return tuple((int(c[0:2], 16) / 255, int(c[2:4], 16) / 255, int(c[4:6], 16) / 255) for c in colours)
 
 

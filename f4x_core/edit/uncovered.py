@@ -40,7 +40,7 @@ class Uncovered:
     """(V,) fraction of each picture where nothing is any more."""
 
     def __str__(self) -> str:
-        """A sentence for each kind that there is, or nothing."""
+        """Return a sentence for each kind of uncovered surface that there is."""
         made_up = self._sentence(
             self.made_up, "shows background that no frame saw: it is made up from what is around it"
         )
@@ -48,7 +48,7 @@ class Uncovered:
         return " ".join(filter(None, [made_up, nothing]))
 
     def to_json(self) -> dict[str, Any]:
-        """The fractions by frame."""
+        """Return the fractions by frame."""
         return {name: getattr(self, name).tolist() for name in ("frames", "made_up", "nothing")}
 
     def _sentence(self, parts: np.ndarray, what: str) -> str:
@@ -66,22 +66,19 @@ def takes_away(operations: Iterable[Change]) -> bool:
 
 
 def summary_of(shows: Uncovered | None) -> str:
-    """The sentences of `shows`, and the command whose pictures say where that is; nothing where there is nothing to tell."""
+    """Return the sentences of `shows`, and the command that draws where it is; empty where nothing is uncovered."""
     return f"{shows} `f4x render SCENE -o DIR --channels unseen` draws where." if shows and str(shows) else ""
 
 
 def uncovered(scene: Scene) -> Uncovered | None:
-    """Surfaces that the edits of `scene`, in effect or baked in, bring to light; None where none of them takes anything away,
-    and for splats of another program.
+    """Return the surfaces that the edits of `scene`, in effect or baked in, uncover; None where none removes anything.
 
-    Made up is what the scene file marks so (`MADE_UP`); scenes that were fitted before there was such a mark have none of it.
+    None, too, for splats of another program. Made up is what the scene file marks so (`MADE_UP`); older files have no such mark.
     Cached for the lifetime of the edited scene.
     """
     folded = {entry.get("op") for entry in scene.provenance.get("baked", ())}
     in_effect = takes_away(edit.operation for edit in of(scene).edits if edit.enabled)
-    if "import" in scene.provenance:  # splats of another program, which no clip shows
-        return None
-    if not in_effect and folded.isdisjoint(kind.TAG for kind in kinds() if kind.UNCOVERS):
+    if scene.is_foreign or (not in_effect and folded.isdisjoint(kind.TAG for kind in kinds() if kind.UNCOVERS)):
         return None
     scene = edited(scene)
     if scene not in _KNOWN:
@@ -94,7 +91,7 @@ def uncovered(scene: Scene) -> Uncovered | None:
 
 
 def _parts(scene: Scene, frames: np.ndarray) -> np.ndarray:
-    """(2,V) fractions of the pictures that show what is made up, and nothing."""
+    """Return the fractions (2,V) of the pictures that show what is made up, and nothing."""
     base = scene.base
     mark = np.zeros(len(base.ids), np.float32)
     mark[: len(base.static)] = base.extra.get(MADE_UP, False)

@@ -25,7 +25,7 @@ Given = Value | tuple[tuple[Value], ...]
 
 
 def refused(reason: str) -> Value:
-    """Nothing, for a reason: the words are understood, and what they ask for cannot be."""
+    """Return a value that raises `reason`: the words are understood, but cannot be carried out."""
 
     def value(*_: Any) -> Change:
         raise Final(reason)
@@ -63,7 +63,7 @@ def only_more(make: Callable[[Amount | None], Value]) -> Graded:
 
 
 def strong(usual: float, how: Amount | None, most: float = 1.0) -> float:
-    """The usual strength, a degree of it up to the `most` there is, or so many times as much; Mismatch for other amounts."""
+    """Return the usual strength, a degree of it up to `most`, or a multiple of it; Mismatch for other amounts."""
     if degree := degree_of(how):
         return min(usual * degree.share, most)
     if how is None or how.kind not in ("times", "as") or how.value < 1:

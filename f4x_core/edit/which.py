@@ -32,7 +32,7 @@ class Several(F4xError):  # noqa: N818  # nothing went wrong
     """One of several things is meant, and a sentence does not say which."""
 
     def __init__(self, reason: str, commands: tuple[str, ...]):
-        """`commands`: one for each that may be meant, and one for all."""
+        """Give the reason; `commands`: one for each thing that may be meant, and one for all."""
         super().__init__(reason)
         self.reason, self.commands = reason, commands
 
@@ -43,7 +43,7 @@ def removes(operation: Change) -> bool:
 
 
 def asked_about(operation: Change) -> Iterator[SelectKind]:
-    """The selections of an operation of which it has to be certain whom they mean, in the words of a sentence."""
+    """Yield the selections of an operation that must be certain of which thing they mean, in the words of a sentence."""
     if removes(operation):
         yield from _certain(operation.select)
     else:
@@ -54,7 +54,7 @@ def asked_about(operation: Change) -> Iterator[SelectKind]:
 
 
 def _certain(select: SelectKind) -> Iterator[SelectKind]:
-    """The parts of a selection that name one thing of a kind; not the kinds that something else tells one from."""
+    """Yield the parts of a selection that name one thing of a kind without saying which."""
     if isinstance(select, Text):
         yield from (
             replace(select, labels=(label,), single=(label,))
@@ -80,7 +80,7 @@ def _is_words(select: SelectKind) -> bool:
 
 
 def _beside_in(select: SelectKind) -> Iterator[SelectKind]:
-    """The things beside which something stands, in a selection."""
+    """Yield the things in a selection beside which something stands."""
     if isinstance(select, Beside):
         yield select.other
     of = getattr(select, "of", ())
@@ -130,7 +130,7 @@ def _lines(operations: Sequence[Change]) -> list[str]:
 
 
 def _with(operations: Sequence[Change], text: Text, one: SelectKind) -> list[str]:
-    """The operations in words, with another selection in place of a thing that is named."""
+    """Return the operations in words, with another selection in place of a named thing."""
 
     def changed(value: Any) -> Any:
         if isinstance(value, Text) and text.labels[0] in value.single:

@@ -21,14 +21,9 @@ MIN_SUM = 0.01
 
 
 def cell_weights(
-    splats: Splats,
-    camera: Camera,
-    grid: tuple[int, int],
-    *,
-    config: RasterConfig | None = None,
-    backend: str = "auto",
+    splats: Splats, camera: Camera, grid: tuple[int, int], *, config: RasterConfig | None = None, backend: str = "auto"
 ) -> sparse.csr_matrix:
-    """(h*w, N) float32: the blend weights of each Gaussian, summed over the pixels of `camera` in each cell of `grid` (h, w).
+    """Return (h*w, N) float32: blend weights of each Gaussian, summed over the pixels of `camera` in each cell of `grid` (h, w).
 
     A row's sum is the covered area of its cell.
 

@@ -23,7 +23,7 @@ class Head(nn.Module):
     """Linear layers with ReLU between and a linear end: (…,D) -> (…,C)."""
 
     def __init__(self, widths: list[int]):
-        """Layers of the given widths, first D and last C."""
+        """Build layers of the given widths, first D and last C."""
         super().__init__()
         self.chain = nn.ModuleList(nn.Linear(before, after) for before, after in pairwise(widths))
 

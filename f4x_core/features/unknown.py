@@ -25,7 +25,7 @@ _BESIDE = re.compile(rf" (?:{'|'.join((*JOINTS, 'on', 'at', 'by', 'near', 'under
 
 
 def unknown_kind(encoder: str, name: str) -> str | None:
-    """Kind of things that the teacher which speaks through the text `encoder` does not know, and `name` is one of; else None.
+    """Return the kind of things that `name` is one of and the teacher behind the text `encoder` does not know; else None.
 
     Of several words the last says what kind of thing it is: "dirt road", but "toy soldier" (`names_another`).
     """

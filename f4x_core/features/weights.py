@@ -136,7 +136,7 @@ def local_path(name: str) -> Path | None:
 
 
 def require_path(name: str) -> Path:
-    """Like `local_path`; F4xError says how to get what is missing."""
+    """Return `local_path`; F4xError says how to get what is missing."""
     path = local_path(name)
     if path is None:
         entry = find_weights(name)

@@ -91,7 +91,7 @@ class DensityControl:
         return frozenset(step for step in periods if config.start * total <= step < config.stop * total)
 
     def densify_and_prune(self, next_id: int) -> int:
-        """Halve Gaussians where the gradients were largest, remove what is faint; returns the next unused id."""
+        """Split Gaussians where the gradients were largest, remove faint ones; return the next unused id."""
         next_id = self._densify(next_id)
         self._prune()
         self.clear()

@@ -31,7 +31,7 @@ class SetOptimiser:
             group["lr"] = rates[group["name"]]
 
     def step(self) -> None:
-        """One Adam step on whatever gradients there are; then forget them.
+        """Take one Adam step on the gradients there are; then forget them.
 
         Rates of places are those at depth 1: a Gaussian is moved by its `reach` times as much, so that all move equally far in
         the picture. In world units what is near would shake by pixels while what is far stands still.

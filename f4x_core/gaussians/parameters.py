@@ -57,7 +57,7 @@ class GaussianSet:
         return torch.cat([first, more], 1) if more.shape[1] else first
 
     def followed_by(self, others: Self) -> Self:
-        """These Gaussians, then `others`, as at the start of a fit."""
+        """Return these Gaussians, then `others`, as at the start of a fit."""
         with torch.no_grad():
             parameters = {n: torch.cat([p, others.parameters[n]]) for n, p in self.parameters.items()}
         labels = {n: torch.cat([label, others.labels[n]]) for n, label in self.labels.items()}

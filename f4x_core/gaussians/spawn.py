@@ -119,7 +119,7 @@ def spawn_that_fits(spawn: Callable[[SpawnConfig], Made], config: SpawnConfig) -
 
 
 def coarse_to_fine(count: int) -> Iterator[int]:
-    """0 .. count-1, ends and middle first, each level halving the gaps."""
+    """Yield 0 .. count-1, ends and middle first, each level halving the gaps."""
     seen: set[int] = set()
     step = count - 1
     while len(seen) < count:
@@ -262,7 +262,7 @@ def _blocks(cells: np.ndarray, level: int) -> np.ndarray:
 
 
 def _cells(blocks: np.ndarray, level: int, shape: tuple[int, ...]) -> np.ndarray:
-    """For each of `shape` cells what its block of `2**level` x `2**level` has."""
+    """Return for each of `shape` cells the value of its block of `2**level` x `2**level`."""
     row, column = np.ogrid[: shape[0], : shape[1]]
     return blocks[row >> level, column >> level]
 
@@ -313,12 +313,7 @@ def learnt_before(splats: Splats, reach: Tensor, first_id: int) -> StaticGaussia
 
 
 def spawn_dynamic(
-    spawned: Spawned,
-    reference: np.ndarray,
-    scaffold: Scaffold,
-    degree: int,
-    config: SpawnConfig,
-    first_id: int = 0,
+    spawned: Spawned, reference: np.ndarray, scaffold: Scaffold, degree: int, config: SpawnConfig, first_id: int = 0
 ) -> DynamicGaussians:
     """Return dynamic Gaussians, each attached to the node nearest at its reference frame.
 

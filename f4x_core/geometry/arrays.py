@@ -49,7 +49,7 @@ def evenly_spaced(length: int, count: int, ends: bool = True) -> np.ndarray:
 
 
 def rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Spearman's correlation, -1..1, of `a (N,)` and `b (N,)`; NaN where either has a NaN or one value alone.
+    """Return Spearman's correlation, -1..1, of `a (N,)` and `b (N,)`; NaN where either has a NaN or one value alone.
 
     That of scipy.stats, which takes half a second to import.
     """

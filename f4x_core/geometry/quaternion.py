@@ -27,7 +27,7 @@ def conjugate(q: Array) -> Array:
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """Hamilton product `(..., 4)`: the rotation `b` followed by the rotation `a`."""
+    """Return the Hamilton product `(..., 4)`: the rotation `b` followed by the rotation `a`."""
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
     return namespace(a, b).stack(

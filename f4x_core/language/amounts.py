@@ -41,7 +41,7 @@ _fraction_word = table(
 
 
 def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
-    """The numbers that begin at a word, in digits or words, the longest first: "two", "one and a quarter"."""
+    """Yield (end, number) of those that begin at a word, in digits or words, the longest first: "two", "one and a quarter"."""
     for end, whole in _counted_at(reading, at):
         if reading.word(end) == "and":
             yield from ((last, whole + part) for last, (part,) in _fraction_word.at(reading, end + 1).items())
@@ -150,7 +150,7 @@ _counting = literal(
 
 
 def _as_percents(x: float) -> Amount:
-    """Percents that are said without their sign; Mismatch for what may be a factor."""
+    """Return percents without their sign as a fraction; Mismatch for what may be a factor."""
     if not LEAST_PERCENTS <= x <= 100:
         raise Mismatch
     return Amount("fraction", x / 100)
@@ -171,7 +171,11 @@ _NOW = "now|today|at the moment|at present|presently|currently|before|originally
 def comparison(
     changed: Callable[[Amount | None, bool], Any], comparatives: str, lesser: str, positives: str, opposites: str
 ) -> Rule:
-    """What is `changed` by how much and whether more: "a bit bigger", "smaller by a third", "twice as big", "less big"."""
+    """Return the rule of comparisons: "a bit bigger", "smaller by a third", "twice as big", "less big".
+
+    `changed` makes the value of an amount and True for more; `comparatives` and `lesser` are words such as bigger and smaller,
+    `positives` and `opposites` such as big and small.
+    """
     compared = table({comparatives: True, lesser: False})
     plain = table({positives: True, opposites: False})
     more = either(compared, keyword("more") + plain, keyword("less") + plain >> (lambda upward: not upward))
@@ -197,7 +201,7 @@ BEFORE_VERBS = word_set("and , . ; ! then please to") | {""}
 
 
 def fraction_of(quality: str) -> Rule:
-    """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
+    """Return the rule of a factor: "half the size", "twice its size", "50 % of its size", "double size"."""
     noun = ~keyword("of") + ~keyword(ITS) + literal(quality) + ~literal(f"[it|he|she|they] [{_IS}] (right) ({_NOW})")
     decimal = number + keyword("of") + ~keyword(ITS) + literal(quality)
     share = either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0}))
@@ -212,7 +216,7 @@ _WITHIN = ~keyword(f"of [the|this] [{PICTURE}]|in [the|this] [{PICTURE}]")
 
 
 def _sideways(side: str, other: str) -> str:
-    """Phrases for the way to one side of the picture."""
+    """Return phrases for the direction to one side of the picture."""
     return (
         f"(from) (the) {other} to (the) {side}|(to) [screen|camera|frame|stage] {side}|in (the) direction of (the) {side}|{side}|"
         f"{side}ward|(over|further|farther|off|out|more) [to|toward|on|at|onto|in|into] (the|its|my|your|his|her|their) (far) "

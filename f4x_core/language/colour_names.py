@@ -58,7 +58,7 @@ def _colours(names: str) -> dict[str, Colour]:
 
 
 def from_hex(digits: str) -> Colour:
-    """sRGB in [0, 1] of three or six hexadecimal digits, to three places: enough for a byte."""
+    """Return sRGB in [0, 1] of three or six hexadecimal digits, to three places: enough for a byte."""
     digits = digits if len(digits) == 6 else "".join(2 * digit for digit in digits)
     red, green, blue = (round(int(digits[i : i + 2], 16) / 255, 3) for i in (0, 2, 4))
     return red, green, blue
@@ -67,30 +67,24 @@ def from_hex(digits: str) -> Colour:
 COLOURS = _colours(MORE) | _colours(CSS)
 """Name without spaces -> sRGB in [0, 1]."""
 HALF = 0.5
-"""How far a shade goes to white or black."""
-
-
-SHADES = {
-    shade: target
-    for shades, target in (("light pale soft pastel", 1.0), ("dark deep", 0.0), ("bright vivid neon", -1.0))
-    for shade in shades.split()
-}
-"""Words before a colour: mixed half and half with white or black; -1: as bright as the hue can be."""
+"""Fraction of the way that a shade goes to white or black."""
+LIGHT, DARK, BRIGHT = ("light", "pale", "soft", "pastel"), ("dark", "deep"), ("bright", "vivid", "neon")
+SHADES = (*LIGHT, *DARK, *BRIGHT)
+"""Words before a color: mixed with white, mixed with black, as bright as the hue can be."""
 
 
 def shaded(shade: str, colour: Colour) -> Colour:
-    """The colour with a word of `SHADES` before it, where CSS has no name for both."""
-    target = SHADES[shade]
-    brightest = max(colour)
-    if target < 0:
-        red, green, blue = (round(c / brightest, 3) if brightest else c for c in colour)
+    """Return a color as a word of `SHADES` before it changes it, where CSS has no name for both."""
+    if shade in BRIGHT:
+        brightest = max(colour) or 1.0
+        red, green, blue = (round(c / brightest, 3) for c in colour)
     else:
-        red, green, blue = (round(c + HALF * (target - c), 3) for c in colour)
+        red, green, blue = (round(c + HALF * ((shade in LIGHT) - c), 3) for c in colour)
     return red, green, blue
 
 
 def name_of(colour: Colour) -> str | None:
-    """A name that means this very colour; the shortest."""
+    """Return the shortest name of exactly this color; None where it has none."""
     names = [name for name, value in COLOURS.items() if value == colour]
     return min(names, key=lambda name: (len(name), name), default=None)
 
@@ -102,7 +96,7 @@ BLACK_VALUE, WHITE_VALUE, GRAY_SATURATION, BROWN_VALUE = 0.2, 0.8, 0.15, 0.6
 
 
 def everyday_name(colour: Colour) -> str:
-    """What people call a colour at a glance: one of eleven words."""
+    """Return one of the eleven basic color words for a color."""
     hue, saturation, value = colorsys.rgb_to_hsv(*(min(max(c, 0.0), 1.0) for c in colour))
     if value < BLACK_VALUE:
         return "black"

@@ -30,7 +30,7 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
 
 
 def _mixed_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
-    """Two colours in one word, "blue-green", and one with a tinge: "reddish brown"."""
+    """Yield (end, color) of two colors in one word, "blue-green", of one with a tinge, "reddish brown", and of a plain one."""
     for end, (tinge,) in colourish.at(reading, at).items():
         for last, base in _colour_at(reading, end):
             yield last, _between(base, tinge, _TINGE)

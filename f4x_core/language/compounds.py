@@ -38,8 +38,7 @@ def names_another(label: str) -> bool:
 
 
 def head_of(label: str, known: Collection[str]) -> str | None:
-    """The kind of thing that a compound is: "house" of "dog house", "hat" of "dog's hat", "roof" of "roof of the house",
-    "woman" of "woman in red".
+    """Return the kind of thing that a compound is: "house" of "dog house", "roof" of "roof of the house", "man" of "man in red".
 
     None for a label in `known` (lower case) and for a thing with mere adjectives ("parked car"): its last word is the thing itself.
     """

@@ -60,7 +60,7 @@ _SIGNS = word_set(", . ; : ! - ( )") | {""}
 
 
 def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
-    """A reason, a comparison or a remark, up to the next sign: it names nothing of the scene and no amount."""
+    """Yield the end of a reason, a comparison or a remark that names no thing, color or number, up to the next sign."""
     begins = [*_because.at(reading, at)] if at else []
     if reading.word(at) in _OPENING and (at == 0 or reading.word(at - 1) in _SIGNS):
         begins.append(at + 1)

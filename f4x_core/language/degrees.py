@@ -53,7 +53,7 @@ def degree_of(how: Amount | None) -> Degree | None:
 def factor(
     how: Amount | None, upward: bool, of: Callable[[Degree], tuple[float, float]] = attrgetter("factors")
 ) -> float:
-    """The factor of something that gets more (`upward`) or less by an amount; Mismatch where it would be none.
+    """Return the factor of a quality that grows (`upward`) or shrinks by an amount; Mismatch where it would not be positive.
 
     `of`: what a degree comes to, up and down.
     """
@@ -85,7 +85,7 @@ Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...
 
 
 def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vector, Unit]:
-    """The sum of steps along the camera's axes, and its unit; each by its own distance, the last's, `far` or the default."""
+    """Return (the sum of steps along the camera's axes, its unit); a step without a distance goes the last one's, else `far`."""
     shared = way[-1][2] or far or Distance(default)
     vector, units = [0.0, 0.0, 0.0], set()
     for before, signs, behind in way:

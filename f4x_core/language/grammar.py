@@ -45,7 +45,7 @@ class Token:
 
 
 def tokenise(sentence: str) -> list[Token]:
-    """The tokens of a sentence; contractions are taken apart ("don't": do, not; "dog's": dog, 's)."""
+    """Return the tokens of a sentence; contractions are taken apart ("don't": do, not; "dog's": dog, 's)."""
     lowered = sentence.lower()
     if len(lowered) != len(sentence):  # a letter whose small form is longer would shift every place behind it
         lowered = "".join(c.lower() if len(c.lower()) == 1 else c for c in sentence)
@@ -67,7 +67,7 @@ def tokenise(sentence: str) -> list[Token]:
 
 @lru_cache(4096)  # of the everyday words, which most scenes have
 def words_of_label(label: str) -> tuple[str, ...]:
-    """The tokens of a label or name."""
+    """Return the tokens of a label or name."""
     return tuple(token.text for token in tokenise(label))
 
 
@@ -107,7 +107,7 @@ class Reading:
         self.openers = list(map(opener, self.words))
 
     def word(self, at: int) -> str:
-        """Text of a token; nothing behind the last."""
+        """Return the text of the token at an index; empty behind the last."""
         return self.words[at] if at < len(self.words) else ""
 
     def text_of(self, start: int, end: int) -> str:
@@ -116,7 +116,7 @@ class Reading:
 
 
 def opener(word: str) -> str:
-    """Key of a word by which rules are found: "0" for any number in digits, "#" for a colour in digits, or the word."""
+    """Return the key by which rules are found: "0" for a number in digits, "#" for a color in digits, else the word."""
     if word[:1].isdecimal() or (word[:1] == "." and len(word) > 1):
         return "0"
     return "#" if word[:1] == "#" else word
@@ -135,7 +135,7 @@ class Rule:
         first_words: Callable[[], frozenset[str] | None] = lambda: None,
         may_be_empty: bool = False,
     ):
-        """`first_words`: makes `first`, when that is first needed."""
+        """Hold the function that matches; `first_words` makes `first`, when that is first needed."""
         self.match, self._first_words, self.may_be_empty, self.number = match, first_words, may_be_empty, next(_NUMBERS)
 
     @cached_property
@@ -149,7 +149,7 @@ class Rule:
         return None if self.may_be_empty else self.first
 
     def at(self, reading: Reading, at: int) -> Ways:
-        """The ways to match at word `at`, best first."""
+        """Return the ways to match at word `at`, best first."""
         opening = self.opening
         if opening is not None and reading.openers[at] not in opening:  # most, at most words
             return {}
@@ -161,7 +161,7 @@ class Rule:
         return ways
 
     def __add__(self, other: Rule) -> Rule:
-        """Both, one after the other."""
+        """Return the rule of both, one after the other."""
 
         def match(reading: Reading, at: int) -> Ways:
             ways: Ways = {}
@@ -175,11 +175,11 @@ class Rule:
         return Rule(match, lambda: _any_of(first), self.may_be_empty and other.may_be_empty)
 
     def __or__(self, other: Rule) -> Rule:
-        """Either; this one is preferred."""
+        """Return the rule of either; this one is preferred."""
         return either(self, other)
 
     def __invert__(self) -> Rule:
-        """This or nothing."""
+        """Return the rule of this or nothing."""
 
         def match(reading: Reading, at: int) -> Ways:
             ways = self.at(reading, at)
@@ -188,7 +188,7 @@ class Rule:
         return Rule(match, lambda: self.first, True)
 
     def __rshift__(self, function: Callable[..., Any]) -> Rule:
-        """One value made of the values; where the function raises `Mismatch`, no match."""
+        """Return the rule with one value, `function` of its values; where that raises `Mismatch`, there is no match."""
 
         def match(reading: Reading, at: int) -> Ways:
             ways: Ways = {}
@@ -203,7 +203,7 @@ class Rule:
 
 
 def read_as_meant(read: Callable[[str], Meaning], sentence: str, agreed: bool) -> tuple[Meaning, tuple[str, ...]]:
-    """What `read` makes of a sentence, or of what was probably meant, and a line for people for each time it is read otherwise.
+    """Return what `read` makes of a sentence, or of what it probably means, and a line for people for each change to it.
 
     Slips are mended; other doubts where it is `agreed`, and else `Doubt` is raised.
     """
@@ -224,7 +224,7 @@ NAMES_TOO: set[str] = set()
 
 
 def table(entries: Mapping[str, Any], *, reserve: bool = True, vocabulary: set[str] | None = None) -> Rule:
-    """The value of the phrase that stands there, longer ones preferred.
+    """Return the rule of the phrases in a table, longer ones preferred, with their values.
 
     A key holds alternatives with `|`; of `[some|words]` one stands there, of `(some|words)` one or none. `reserve`: its words are
     no names of things; `vocabulary`: where they go to, else `VOCABULARY` or `NAMES_TOO`.
@@ -253,11 +253,11 @@ class _Table:
         )
 
     def first_words(self) -> frozenset[str]:
-        """The words that some phrase begins with."""
+        """Return the words that some phrase begins with."""
         return frozenset(map(opener, self.rows))
 
     def match(self, reading: Reading, at: int) -> Ways:
-        """The ends of the phrases at word `at`, the last first, with the value of the first entry that has it."""
+        """Return the ends of the phrases at word `at`, the last first, each with the value of the first entry that has it."""
         ways: Ways = {}
         for phrase, values in self.rows.get(reading.words[at], ()):
             for end in _ends(phrase, reading, at):
@@ -266,27 +266,27 @@ class _Table:
 
 
 def keyword(spec: str) -> Rule:
-    """One of the phrases, without a value; its words name nothing elsewhere."""
+    """Return the rule of phrases without a value; their words name nothing elsewhere."""
     return table({spec: None})
 
 
 def literal(spec: str) -> Rule:
-    """One of the phrases, without a value; its words may be names of things elsewhere."""
+    """Return the rule of phrases without a value; their words may be names of things elsewhere."""
     return table({spec: None}, reserve=False)
 
 
 def sign(text: str) -> Rule:
-    """A sign that would be a bracket in `keyword`."""
+    """Return the rule of a sign that would be a bracket in `keyword`."""
     return word_if(lambda reading, at: reading.word(at) == text)
 
 
 def word_if(condition: Callable[[Reading, int], Any]) -> Rule:
-    """A word of which a condition holds."""
+    """Return the rule of one word for which a condition holds."""
     return Rule(lambda reading, at: {at + 1: ()} if condition(reading, at) else {})
 
 
 def split(spec: str, at: str = "|") -> list[str]:
-    """Parts between the signs `at` that stand in no bracket; with `|` they are alternatives."""
+    """Split `spec` at the signs `at` that are in no bracket; with `|` the parts are alternatives."""
     if "(" not in spec and "[" not in spec:
         return spec.split(at)
     parts, depth = [""], 0
@@ -315,18 +315,18 @@ Phrase = tuple[str | Bracket, ...]
 
 
 def _phrase(spec: str) -> Phrase:
-    """The phrase that is written "to (the|my) left"."""
+    """Return the phrase that is written "to (the|my) left"."""
     return tuple(_bracket(part) if part[0] in "([" else part for part in split(spec, " ") if part)
 
 
 @cache
 def _bracket(spec: str) -> Bracket:
-    """The bracket that is written "[some|words]" or "(some|words)"."""
+    """Return the bracket that is written "[some|words]" or "(some|words)"."""
     return Bracket(_by_first_word((_phrase(one), ()) for one in split(spec[1:-1])), spec[0] == "(")
 
 
 def _by_first_word(rows: Iterable[tuple[Phrase, Any]]) -> dict[str, list[tuple[Phrase, Any]]]:
-    """Word -> the rows whose phrase may begin with it."""
+    """Return a dictionary from each word to the rows whose phrase may begin with it."""
     found: dict[str, list[tuple[Phrase, Any]]] = {}
     for row in rows:
         for part in row[0]:
@@ -360,7 +360,7 @@ def _ends(phrase: Phrase, reading: Reading, at: int) -> set[int]:
 
 
 def constant(value: Any) -> Rule:
-    """Nothing, with a value."""
+    """Return the rule that matches no words and has a value."""
     return Rule(lambda reading, at: {at: (value,)}, frozenset, True)
 
 
@@ -369,12 +369,12 @@ NOTHING = Rule(lambda reading, at: {at: ()}, frozenset, True)
 
 
 def silent(rule: Rule) -> Rule:
-    """The rule without its values."""
+    """Return the rule without its values."""
     return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()), lambda: rule.first, rule.may_be_empty)
 
 
 def either(*rules: Rule) -> Rule:
-    """Any of the rules, earlier ones preferred."""
+    """Return the rule of any of the rules, earlier ones preferred."""
 
     def match(reading: Reading, at: int) -> Ways:
         ways: Ways = {}
@@ -388,28 +388,31 @@ def either(*rules: Rule) -> Rule:
 
 
 def _any_of(rules: Sequence[Rule]) -> frozenset[str] | None:
-    """The first words of several rules; None where those of one are not known."""
+    """Return the first words of several rules; None where those of one are not known."""
     begins = [rule.first for rule in rules if rule.first is not None]
     return frozenset().union(*begins) if len(begins) == len(rules) else None
 
 
 def here(condition: Callable[[Reading, int], Any]) -> Rule:
-    """Nothing, where the condition holds."""
+    """Return the rule that matches no words where a condition holds."""
     return Rule(lambda reading, at: {at: ()} if condition(reading, at) else {}, frozenset, True)
 
 
 def unless(rule: Rule) -> Rule:
-    """Nothing, where the rule does not match."""
+    """Return the rule that matches no words where another rule does not match."""
     return here(lambda reading, at: not rule.at(reading, at))
 
 
 def optional(rule: Rule, default: Any = None) -> Rule:
-    """The rule's value, or the default."""
+    """Return the rule that has the value of another, or the default where that does not match."""
     return either(rule, constant(default))
 
 
 def listed(item: Rule, separator: Rule) -> Rule:
-    """Items with separators between: one value, a tuple of (values of separator, then of item) per item; fewest items first."""
+    """Return the rule of items with separators between, fewest items first.
+
+    Its value is a tuple of (values of the separator, then of the item) for each item.
+    """
 
     def match(reading: Reading, at: int) -> Ways:
         ways: dict[int, tuple[Any, ...]] = {}
@@ -435,14 +438,14 @@ Gaps = list[dict[int, int]]
 
 
 def matches_of(slots: Mapping[str, Rule], needed: frozenset[str], reading: Reading) -> dict[str, Matches]:
-    """Where each slot matches words of a sentence; none of those that match nowhere, and none at all where one in `needed` does."""
+    """Return the matches of each slot that has any in a sentence; empty where a slot in `needed` has none."""
     if not all(_places_of(slots[name], reading) for name in needed):
         return {}
     return {name: found for name, rule in slots.items() if (found := _places_of(rule, reading))}
 
 
 def _places_of(rule: Rule, reading: Reading) -> Matches:
-    """Where a rule matches words of a sentence; many slots have the same rule."""
+    """Return the matches of a rule in a sentence, remembered since many slots share a rule."""
     found = reading.places.get(rule.number)
     if found is None:
         found = reading.places[rule.number] = {}
@@ -470,7 +473,10 @@ class Cover(NamedTuple):
 def covers(
     matches: Mapping[str, Matches], needed: frozenset[str], gaps: Gaps, start: int = 0
 ) -> dict[int, list[Cover]]:
-    """The covers from word `start` to each later one, cheapest first: each slot at most once, those in `needed` for sure."""
+    """Return the covers from word `start` to each later one, cheapest first.
+
+    Each fills a slot at most once, and those in `needed` always.
+    """
     bits = {name: 1 << number for number, name in enumerate(matches)}
     if not needed <= bits.keys():
         return {}
@@ -497,7 +503,7 @@ def covers(
 
 
 def later(rule: Callable[[], Rule]) -> Rule:
-    """A rule that is named before it is written, because the two hold one another."""
+    """Return the rule that a function returns when it is needed: two rules may hold each other."""
     return Rule(lambda reading, at: rule().at(reading, at))
 
 
@@ -505,7 +511,7 @@ def generated(
     match: Callable[[Reading, int], Iterator[tuple[int, Any]]],
     first_words: Callable[[], frozenset[str] | None] = lambda: None,
 ) -> Rule:
-    """A rule from a generator of (end, value), best first; `first_words` as those of a rule."""
+    """Return the rule of a generator of (end, value), best first; `first_words` is that of a rule."""
 
     def all_ways(reading: Reading, at: int) -> Ways:
         ways: Ways = {}

@@ -47,7 +47,7 @@ _MAX_BEFORE_NOUN = 3
 
 
 def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collection[str]) -> int | None:
-    """What leaving a word unexplained costs; None where it may not be."""
+    """Return the cost of leaving a word unexplained; None where it may not be."""
     token = tokens[at]
     forms = {token.text, singular(token.text)}
     if not token.is_word:
@@ -108,7 +108,7 @@ def is_strange(word: str, known: Collection[str]) -> bool:
 def idle_gaps(
     reading: Reading, adds_nothing: Rule, known: Collection[str], verbs: Collection[str]
 ) -> list[dict[int, int]]:
-    """Per word: where words that nothing explains end -> what they cost."""
+    """Return for each word a dictionary from the end of the unexplained words that begin there to their cost."""
     gaps: list[dict[int, int]] = []
     for at in range(len(reading.tokens)):
         ends = {end: FILLED * (end - at) for end in adds_nothing.at(reading, at) if end > at}

@@ -8,12 +8,12 @@ from functools import cache
 
 
 def word_set(text: str) -> frozenset[str]:
-    """The words of a text."""
+    """Return the words of a text."""
     return frozenset(text.split())
 
 
 def _table(text: str) -> dict[str, str]:
-    """First word -> the others, of entries with commas between."""
+    """Return a dictionary from the first word of each entry to its others; entries have commas between."""
     return dict(entry.strip().split(" ", 1) for entry in text.split(","))  # type: ignore[misc]  # each has two parts
 
 
@@ -60,7 +60,7 @@ _RGB = re.compile(r"(?:\brgb\b[ :=]*\(?|\() *(\d{1,3})[ ,;]+(\d{1,3})[ ,;]+(\d{1
 
 
 def written(sentence: str) -> str:
-    """The sentence with colors in three numbers as one, and with a few constructions in other words."""
+    """Return the sentence with colors in three numbers as hexadecimal digits, and a few constructions in other words."""
     sentence = _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
     for pattern, instead in _WRITTEN:
         sentence = re.sub(pattern, instead, sentence, flags=re.IGNORECASE)
@@ -134,7 +134,7 @@ SINGULARS = word_set(
 
 
 def singular(word: str) -> str:
-    """The singular of a noun in lower case, or the noun itself."""
+    """Return the singular of a noun in lower case, or the noun itself."""
     if word in PLURALS:
         return PLURALS[word]
     if word in SINGULARS or len(word) < 4 or not word.endswith("s") or word.endswith(("ss", "us", "is")):
@@ -150,7 +150,7 @@ _PLURALS_OF = {one: many for many, one in reversed(PLURALS.items())}
 
 
 def plural_of(noun: str) -> str:
-    """The plural of a noun in the singular."""
+    """Return the plural of a noun in the singular."""
     if noun in SINGULARS:
         return noun
     if noun.endswith("y") and noun[-2:-1] not in "aeiou":
@@ -168,13 +168,13 @@ UNCOUNTED = word_set(
 
 
 def label_of(word: str, labels: Collection[str]) -> str:
-    """`word`, or the one of `labels` that it is another word for."""
+    """Return the label that `word` is a synonym of, or `word`."""
     meant = SYNONYMS.get(word) or SYNONYMS.get(singular(word), "")
     return word if {word, singular(word)} & {*labels} or meant not in labels else meant
 
 
 def spellings(word: str) -> list[str]:
-    """`word` as a vocabulary may have it, likeliest first: in lower case, without its article, in the singular.
+    """Return `word` as a vocabulary may have it, likeliest first: in lower case, without its article, in the singular.
 
     "The Dogs" -> the dogs, dogs, dog.
     """
@@ -195,7 +195,7 @@ def is_adverb(word: str) -> bool:
 
 
 def slips(word: str, other: str) -> int:
-    """Letters that are wrong, missing, too many or swapped with their neighbour between two words (optimal string alignment)."""
+    """Return the edit distance of two words: letters that are wrong, missing, too many or swapped (optimal string alignment)."""
     before: list[int] = []
     row = list(range(len(other) + 1))
     for i, letter in enumerate(word, 1):
@@ -232,7 +232,7 @@ def is_slip(word: str, other: str) -> bool:
 
 
 def misspelt(word: str, known: Iterable[str]) -> str | None:
-    """The word of `known` that was probably meant: one slip away, two from seven letters on."""
+    """Return the word of `known` that was probably meant: one slip away, two from seven letters on."""
     if len(word) < 4:  # of short words only those with two letters swapped
         return next((other for other in sorted(known) if other != word and sorted(other) == sorted(word)), None)
     allowed = 1 if len(word) < 7 else 2
@@ -249,7 +249,7 @@ def misspelt(word: str, known: Iterable[str]) -> str | None:
 
 
 def plural(noun: str, count: float) -> str:
-    """`noun`, with an s unless `count` is 1: "edit" -> "edits"."""
+    """Return `noun`, with an s unless `count` is 1: "edit" -> "edits"."""
     return noun if count == 1 else f"{noun}s"
 
 
@@ -290,7 +290,7 @@ _DOUBLED = word_set(
 
 
 def forms(verb: str) -> tuple[str, str]:
-    """("-ing" form, participle) of a verb."""
+    """Return ("-ing" form, participle) of a verb."""
     if verb in _FORMS:
         ing, participle = _FORMS[verb].split()
         return ing, participle
@@ -305,14 +305,14 @@ def forms(verb: str) -> tuple[str, str]:
 
 @cache  # many commands share their verbs
 def _conjugated(phrase: str) -> tuple[str, str, str, str]:
-    """(a verb with what follows it, the same with "-ing", as participle, as stated)."""
+    """Return a verb with what follows it as (plain form, "-ing" form, participle, third person)."""
     head, *rest = phrase.split()
     ing, participle = (" ".join([form, *rest]) for form in forms(head))
     return " ".join([head, *rest]), ing, participle, _stated(phrase)
 
 
 def _stated(verb: str) -> str:
-    """The verb as in "the dog vanishes", "the dog turns around"."""
+    """Return the third person of a verb: "the dog vanishes", "the dog turns around"."""
     head, *rest = verb.split()
     form = {"not": "does", "be": "is", "have": "has"}.get(head, head)
     if form == head:
@@ -322,7 +322,7 @@ def _stated(verb: str) -> str:
 
 
 def every_form(verbs: str, stated: bool = True) -> str:
-    """The verbs of "get rid of|remove" in each of their forms, as alternatives with `|`; not `stated`: without "removes"."""
+    """Return the verbs of "get rid of|remove" in each form, as alternatives with `|`; without "removes" if not `stated`."""
     forms_of = (_conjugated(phrase)[: 3 + stated] for phrase in verbs.split("|"))
     return "|".join(dict.fromkeys(form for phrase in forms_of for form in phrase))
 

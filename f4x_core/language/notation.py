@@ -26,11 +26,11 @@ class Notation:
     """
 
     def __init__(self, names: Mapping[str, Any], vocabulary: set[str] = NAMES_TOO):
-        """`names`: the rules by name; `vocabulary`: the words, as in `table`."""
+        """Write rules with the rules in `names`; `vocabulary` receives the words, as in `table`."""
         self.names, self.vocabulary = names, vocabulary
 
     def __call__(self, spec: str | Rule, **rules: Rule) -> Rule:
-        """The rule of a phrase, which has the values of the rules that it names, `rules` before those of the module."""
+        """Return the rule of a phrase, with the values of the rules that it names, `rules` before those of the module."""
         if isinstance(spec, Rule):
             return spec
         ways = split(re.sub(r"\{([=!]?)([^}]*)\}", _verbs, spec))
@@ -40,7 +40,7 @@ class Notation:
         return made[0] if len(made) == 1 else either(*made)
 
     def table(self, meanings: Mapping[str, Any], **rules: Rule) -> Rule:
-        """The rule of phrases, earlier ones preferred, each with its value or with a function of the values that it names."""
+        """Return the rule of phrases, earlier ones preferred, each with its value or a function of the values that it names."""
         return either(
             *(
                 self(spec, **rules) >> (meaning if callable(meaning) else lambda *_, meaning=meaning: meaning)
@@ -52,7 +52,7 @@ class Notation:
         return table({spec: None}, vocabulary=self.vocabulary)
 
     def _sequence(self, spec: str, rules: Mapping[str, Rule]) -> Rule:
-        """The rule of parts with spaces between."""
+        """Return the rule of parts with spaces between."""
         steps: list[Rule] = []
         words: list[str] = []
         for part in [*filter(None, split(spec, " ")), ""]:

@@ -11,14 +11,14 @@ class Refusal(F4xError):  # noqa: N818  # nothing went wrong
     """A sentence that is not understood, or asks for what cannot be."""
 
     def __init__(self, reason: str, nearest: tuple[str, ...] = ()):
-        """`reason`: why, one sentence; `nearest`: commands that are known, as example sentences."""
+        """Give the reason, one sentence; `nearest` are commands that are known, as example sentences."""
         hint = " Try: " + "; ".join(f'"{example}"' for example in nearest) + "." if nearest else ""
         super().__init__(reason + hint)
         self.reason = reason
         self.nearest = nearest
 
     def behind(self, notes: Sequence[str]) -> Refusal:
-        """The same, with what else a person should know in front."""
+        """Return the refusal with notes before its reason."""
         return Refusal(" ".join([*notes, self.reason]), self.nearest)
 
 
@@ -30,12 +30,12 @@ class Doubt(Refusal):
     """A sentence that would be understood if a word were spelt otherwise or left out: it is asked about, and not done."""
 
     def __init__(self, reason: str, instead: str):
-        """`instead`: the sentence that was probably meant."""
+        """Give the reason; `instead` is the sentence that was probably meant."""
         super().__init__(reason)
         self.instead = instead
 
     def behind(self, notes: Sequence[str]) -> Doubt:
-        """As for every refusal."""
+        """Return the doubt with notes before its reason."""
         return type(self)(" ".join([*notes, self.reason]), self.instead)
 
 

@@ -35,7 +35,7 @@ class TimeExpression(NamedTuple):
     clip: float = 0.0
 
     def plus(self, other: TimeExpression, sign: float = 1.0) -> TimeExpression:
-        """This + sign x the other."""
+        """Return this time plus `sign` times the other."""
         return TimeExpression(*(a + sign * b for a, b in zip(self, other, strict=True)))
 
     def resolve(self, context: Clip) -> float:
@@ -50,7 +50,7 @@ HALF_WAY = TimeExpression(clip=0.5)
 
 
 def no_such_time(time: TimeExpression, clip: Clip) -> str:
-    """The sentence about a time that the clip does not have, in the unit that it was given in."""
+    """Return the sentence about a time that the clip does not have, in the unit that it was given in."""
     frame = time.resolve(clip)
     unit, value = ("second", frame / clip.fps) if time.seconds else ("frame", frame)
     lasts = f"{clip.frames / clip.fps:.2f} seconds, frames 0 to {clip.frames - 1}"

@@ -111,12 +111,12 @@ _NOUNS = {
 
 
 def any_form(*senses: str) -> str:
-    """The verbs of the senses in each of their forms and their nouns, as alternatives with `|`."""
+    """Return the verbs of the senses in each form, and their nouns, as alternatives with `|`."""
     return "|".join((every_form(_verbs(senses)), *_nouns(senses)))
 
 
 def asked_form(*senses: str) -> str:
-    """As `any_form`, without that of what somebody does himself: "the dog takes off" wants nothing."""
+    """Return `any_form` without the third person: "the dog takes off" asks for nothing."""
     return "|".join((every_form(_verbs(senses), stated=False), *_nouns(senses)))
 
 

@@ -20,7 +20,7 @@ def ssim_window(dtype: torch.dtype) -> Tensor:
 
 
 def ssim_map(image: Tensor, target: Tensor) -> Tensor:
-    """Structural similarity (C,H,W) of two images (H,W,C): Gaussian window of 11 pixels, zero padding."""
+    """Return the structural similarity (C,H,W) of two images (H,W,C): Gaussian window of 11 pixels, zero padding."""
     x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)  # (C,H,W)
     channels = len(x)
     maps = torch.cat([x, y, x * x + y * y, x * y])[None]  # (1,4C,H,W): the two variances are only needed as a sum

@@ -27,7 +27,7 @@ F4X_ADAM = Function("f4x_adam", {"problems": POINTER, "count": INT64, "threads":
 
 
 def take_steps(problems: Sequence[Any], threads: int) -> None:
-    """One step of every tensor, an `ADAM` each. Raises F4xError where memory runs out."""
+    """Step every tensor, an `ADAM` each. Raises F4xError where memory runs out."""
     addresses = (POINTER * len(problems))(*map(ctypes.addressof, problems))
     if F4X_ADAM(addresses, len(problems), threads):
         raise F4xError("A step of the fit ran out of memory: fit fewer Gaussians, by --memory.")

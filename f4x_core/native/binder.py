@@ -68,7 +68,7 @@ class Struct:
     """
 
     def __init__(self, name: str, fields: Mapping[str, Any], sizes: tuple[str, ...] = ()):
-        """`fields` in the order of C: name and kind, which is one of the numbers above or an `Array`."""
+        """Lay out a C struct of `fields`, in the order of C: name and kind, a number type or an `Array`."""
         self.name, self.fields, self.sizes = name, dict(fields), sizes
         self.arrays = {field: kind for field, kind in fields.items() if isinstance(kind, Array)}
         self._known = (*fields, *sizes)
@@ -135,7 +135,7 @@ class Function:
     """A C function: its name, its arguments and what it returns as data."""
 
     def __init__(self, name: str, arguments: Mapping[str, Any], returns: Any = None):
-        """`arguments` in the order of C: name and kind, which may also be a `Struct` (passed by address) or a `Result`."""
+        """Declare a C function with `arguments` in its order: name and kind, also a `Struct` (by address) or a `Result`."""
         self.name, self.arguments, self.returns = name, dict(arguments), returns
         self._arrays = any(isinstance(kind, Array) for kind in arguments.values())
 

@@ -23,7 +23,7 @@ TORCH = Kernels()
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Torch works on `count` threads within, then on as many as before."""
+    """Let torch work on `count` threads within the block."""
     import torch
 
     before = torch.get_num_threads()

@@ -16,7 +16,7 @@ SUFFIXES = {"windows": ".dll", "macos": ".dylib"}  # others: .so
 
 
 def this_platform() -> str:
-    """Operating system and processor as in library names, for example `linux-x86_64` or `macos-arm64`."""
+    """Return operating system and processor as in library names, for example `linux-x86_64` or `macos-arm64`."""
     system = {"win32": "windows", "darwin": "macos"}.get(sys.platform, sys.platform)
     machine = platform.machine().lower()
     machine = {"amd64": "x86_64", "aarch64": "arm64"}.get(machine, machine)
@@ -71,10 +71,10 @@ def instruction_set(library: ctypes.CDLL) -> str:
 
 
 def measure_peak(library: ctypes.CDLL, seconds: float = 0.2) -> float:
-    """Float operations per second of independent multiply-adds on one thread."""
+    """Return the float operations per second of independent multiply-adds on one thread."""
     return library.f4x_peak(seconds)
 
 
 def shareable_seconds(library: ctypes.CDLL) -> float:
-    """Processor seconds that callers of all kernels have spent so far on work that threads can share."""
+    """Return the processor seconds that callers of all kernels have spent so far on work that threads can share."""
     return library.f4x_shareable_seconds()

@@ -97,14 +97,11 @@ def write_people(people: list[Person], priors: Priors) -> None:
         who, probability = given, (given > 0).astype(np.float16)
     priors.people, priors.people_probability = who, probability
     priors.people_joints, priors.people_metres = joints, metres
-    priors.statistics["people"] = {
-        "count": len(people),
-        "frames": [len(person.poses) for person in people],
-    }
+    priors.statistics["people"] = {"count": len(people), "frames": [len(person.poses) for person in people]}
 
 
 def _numbered_as(given: np.ndarray, people: list[Person]) -> list[Person]:
-    """For each number in `given (F, H, W)` whoever shows most of it among the `people`; a person without poses where none does."""
+    """Return for each number in `given (F, H, W)` the one of `people` who shows most of it; without poses where none does."""
     count = int(given.max(initial=0))
     pixels = np.zeros((len(people), count + 1))
     for row, person in zip(pixels, people, strict=True):

@@ -198,11 +198,11 @@ def _ground_below(maps: DepthMaps, shown: np.ndarray, frame: int) -> GroundEdge 
 
 
 def _upright(bodies: dict[int, Body], edges: dict[int, GroundEdge | None], intrinsics: np.ndarray) -> dict[int, Body]:
-    """The bodies with legs and trunk turned along the view so that in the median they rise straight from the foot that stands.
+    """Turn legs and trunks of the bodies along the view so that in the median they rise vertically from the standing foot.
 
-    Who walks or turns is above the standing foot in the mean: within 3 degrees in four rendered clips, where networks say
-    that the hips are 4, 15, 18 and 23 degrees nearer. They believe that people are looked down on, as most pictures show
-    them. edges: by frame, the ground below the body.
+    Somebody who walks or turns is above the standing foot in the mean: within 3 degrees in four rendered clips, where networks
+    put the hips 4, 15, 18 and 23 degrees nearer, as most pictures look down on people. `edges`: the ground below the body, by
+    frame.
     """
     legs, trunk = [], []
     for frame, edge in edges.items():
@@ -308,7 +308,7 @@ def _write(inverse: np.ndarray, shown: np.ndarray, beside: np.ndarray, body: Bod
 
 
 def _bodies_in_camera(priors: Priors, person: int) -> dict[int, Body]:
-    """Frame -> body of a person, numbered from 0, with metres in the axes of the camera.
+    """Return a dictionary from frame to the body of `person` (0 = first), with metres in the camera's axes.
 
     Whoever stands in the lower half of the picture is looked down on, and would lean backwards along the ray to them.
     """
@@ -319,8 +319,10 @@ def _bodies_in_camera(priors: Priors, person: int) -> dict[int, Body]:
 
 
 def bodies_of(joints: np.ndarray, metres: np.ndarray) -> dict[int, Body]:
-    """Frame -> body, from joints `(F, 33, 3)` and metres `(F, 33, 3)`; frames that show too few joints, or joints in pixels
-    that contradict those in metres, are left out."""
+    """Return a dictionary from frame to body, from joints `(F, 33, 3)` and metres `(F, 33, 3)`.
+
+    Frames that show too few joints, or joints in pixels that contradict those in metres, are left out.
+    """
     seen = np.isfinite(joints).all((1, 2))
     weight = np.where(seen[:, None], np.nan_to_num(joints[..., 2]), 0)
     norm = ndimage.gaussian_filter1d(seen.astype(np.float64), SMOOTH_FRAMES)

@@ -17,7 +17,7 @@ from ..parallel import side_by_side
 from ..progress import Progress, silent
 from . import files
 from .config import PriorsConfig, config_hash
-from .folder import FIELDS, SEEN_DEPTH, Priors, digest, file_of, read_field, read_head, sources_in
+from .folder import FIELDS, Priors, Scratch, digest, file_of, read_field, read_head, sources_in
 from .providers import STAGES, find
 from .sizes import shrunk
 
@@ -59,7 +59,7 @@ def build_priors(
         if seen_depth is not None and small is not clip:
             seen_depth = resize_nearest(seen_depth, small.width, small.height)
         priors = _build(small, Path(folder), config, progress, seen_depth)
-        priors.scratch.clear()  # flows over long gaps, which a fit does not read
+        priors.scratch = Scratch()  # without flows over long gaps, which a fit does not read
         return priors
 
 
@@ -68,8 +68,7 @@ def _build(clip: Clip, folder: Path, config: PriorsConfig, progress: Progress, s
     priors = Priors.empty(clip)
     if len(priors.frames) == 0:
         raise F4xError(f"{clip.source}: every frame is held out; supervise at least one.")
-    if seen_depth is not None:
-        priors.scratch[SEEN_DEPTH] = seen_depth
+    priors.scratch.seen_depth = seen_depth
     own = _read_user_files(folder, priors)
     fixed = files.take(priors, clip, config, own, folder)
     priors.write(folder, [name for name in fixed if name not in own])
@@ -134,7 +133,7 @@ class _Stages:
             for name, entry in priors.provenance.items()
             if getattr(priors, name) is not None and not (name in later and entry["provider"] not in GIVEN)
         }
-        known = priors.scratch.get(SEEN_DEPTH) if stage == "cameras" else None
+        known = priors.scratch.seen_depth if stage == "cameras" else None
         elsewhere = [] if known is None else [hashlib.blake2b(known.tobytes(), digest_size=16).hexdigest()]
         beside = {n: d for n, d in seen.items() if n not in wanted}
         return config_hash(stage, getattr(self.config, stage), self.digest, beside, *elsewhere)

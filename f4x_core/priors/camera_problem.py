@@ -14,16 +14,14 @@ from ..progress import Progress
 from .bundle import BundleConfig
 from .config import CamerasConfig, PriorsConfig
 from .flow import grey
-from .folder import SEEN_DEPTH
 from .mirror import DepthCues
+from .point_tracks import PointTracks
 from .sfm import Solution
 
 if TYPE_CHECKING:
     from ..clip import Clip
     from .folder import Priors
 
-STATIC_MOTION = 0.5
-"""Tracks with a motion score below this are static: cameras are solved from them."""
 MIN_TRACKS = 12
 """Static tracks that the motion of the camera needs at least."""
 REMATCHED_PX = 0.5
@@ -43,12 +41,8 @@ class CameraProblem:
     clip: Clip
     priors: Priors
     config: PriorsConfig
-    tracks: np.ndarray
-    """(F, N, 2) pixels."""
-    visible: np.ndarray
-    """(F, N) bool."""
-    static: np.ndarray
-    """(N,) bool."""
+    tracks: PointTracks
+    """Point tracks of the supervised frames."""
     focal: float
     """Focal length in pixels: given by the user, or the first guess."""
     first: Solution | None
@@ -88,8 +82,8 @@ class CameraProblem:
 
     def cues(self, frames: np.ndarray) -> DepthCues:
         """Return the depth cues for the cameras of the supervised frames `frames`."""
-        depth = self.priors.scratch.get(SEEN_DEPTH) if self.priors.depth is None else self.priors.depth
-        return DepthCues(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
+        depth = self.priors.scratch.seen_depth if self.priors.depth is None else self.priors.depth
+        return DepthCues(frames, self.tracks, self.priors.mask, depth)
 
 
 @dataclass(frozen=True)
@@ -122,28 +116,18 @@ class Attempt:
         return not self.solution.registered.all() or bool(self.statistics.get("grown"))
 
 
-def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return `tracks (F, N, 2)`, `visible (F, N)` and which tracks stand still `(N,)`; empty when there are none."""
-    if priors.tracks is None or priors.tracks_visible is None:
-        frames = len(priors.frames)
-        return np.zeros((frames, 0, 2), np.float32), np.zeros((frames, 0), bool), np.zeros(0, bool)
-    motion = priors.tracks_motion
-    static = np.ones(priors.tracks.shape[1], bool) if motion is None else motion < STATIC_MOTION
-    return priors.tracks, priors.tracks_visible, static
-
-
-def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, max_frames: int = 24) -> float:
+def static_shift(tracks: PointTracks, max_frames: int = 24) -> float:
     """Return the largest median displacement (pixels) of static tracks between two of at most `max_frames` evenly spaced frames.
 
-    `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. NaN when no two frames share enough tracks.
+    NaN when no two frames share enough tracks.
     """
-    frames = evenly_spaced(len(tracks), max_frames)
+    frames, seen = evenly_spaced(len(tracks), max_frames), tracks.seen
     shifts = [np.nan]
     for a, i in enumerate(frames):
         for j in frames[a + 1 :]:
-            shared = visible[i] & visible[j] & static
+            shared = seen[i] & seen[j]
             if shared.sum() >= MIN_TRACKS:
-                shifts.append(float(np.median(np.linalg.norm(tracks[j, shared] - tracks[i, shared], axis=1))))
+                shifts.append(float(np.median(np.linalg.norm(tracks.uv[j, shared] - tracks.uv[i, shared], axis=1))))
     return float(np.nanmax(shifts)) if len(shifts) > 1 else float("nan")
 
 

@@ -27,11 +27,12 @@ from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .bundle import Bundle, Observations
-from .camera_problem import MIN_TRACKS, Attempt, CameraProblem, rounded, static_shift, static_tracks
+from .camera_problem import MIN_TRACKS, Attempt, CameraProblem, rounded, static_shift
 from .config import PriorsConfig
 from .flow import grey, sample, texture
 from .lens import measure
 from .motion import REFERENCE_WIDTH
+from .point_tracks import PointTracks
 from .refinement import refined
 from .rigid import explained_fraction, track_error
 from .second_look import join_resting, mask_in_doubt, release_static
@@ -73,12 +74,11 @@ def provide(
     """
     settings = config.cameras
     progress("cameras", 0, 4, "what moves")
-    tracks, visible, static = static_tracks(priors)
     focal = settings.focal * priors.width if settings.focal else DEFAULT_FOCAL * max(priors.width, priors.height)
     if first is not None:
         first = refocused(first, focal) if settings.focal else first
         focal = first.bundle.focal
-    job = CameraProblem(clip, priors, config, tracks, visible, static, focal, first, progress)
+    job = CameraProblem(clip, priors, config, PointTracks.of(priors), focal, first, progress)
     found = _solved(job)
     if found.kind != "static" and first is None:
         found = _with_bend(job, found)
@@ -110,8 +110,8 @@ def provide(
 
 def _solved(job: CameraProblem) -> Attempt:
     """Return the cameras of all frames."""
-    shift = static_shift(job.tracks, job.visible, job.static)
-    noted: dict[str, Any] = {"static_tracks": int(job.static.sum()), "static_shift_px": rounded(shift)}
+    shift = static_shift(job.tracks)
+    noted: dict[str, Any] = {"static_tracks": int(job.tracks.static.sum()), "static_shift_px": rounded(shift)}
     test = _stillness_test(job, shift)
     if test is not None:
         measured = test.measure(lambda done: job.progress("cameras", 0, 4, f"how still it stands, {done} pairs"))
@@ -142,23 +142,22 @@ def _stillness_test(job: CameraProblem, shift: float) -> StillnessTest | None:
 def _with_bend(job: CameraProblem, found: Attempt) -> Attempt:
     """Return the attempt with the bend of straight lines in the pictures, and a warning where it spoils the cameras."""
     lens = replace(job.lens, refine_centers=found.kind == "moving")
-    bend = measure(found.solution.bundle, job.tracks, job.visible, job.static, lens)
+    bend = measure(found.solution.bundle, job.tracks, lens)
     if bend is None:
         return found
     found = found.noting(bend={name: rounded(value) for name, value in asdict(bend).items()})
     return found.warning(bend.advice(job.priors.width, job.priors.height)) if bend.certain else found
 
 
-def _why_motion_is_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray) -> str:
+def _why_motion_is_unknown(clip: Clip, tracks: PointTracks) -> str:
     """Return why the motion of the camera cannot be found from the static tracks; empty where it can."""
-    if static.sum() < MIN_TRACKS:
+    if tracks.static.sum() < MIN_TRACKS:
         return "too few points stand still"
-    pictures = grey(clip.frames[clip.supervised])
-    held = np.full((len(tracks), int(static.sum())), np.nan, np.float32)
-    for frame, picture in enumerate(pictures):
-        seen = visible[frame, static]
-        held[frame, seen] = sample(texture(picture), tracks[frame, static][seen])
-    known = visible[:, static].any(0)
+    visible, uv = tracks.visible[:, tracks.static], tracks.uv[:, tracks.static]
+    held = np.full(visible.shape, np.nan, np.float32)
+    for frame, picture in enumerate(grey(clip.frames[clip.supervised])):
+        held[frame, visible[frame]] = sample(texture(picture), uv[frame, visible[frame]])
+    known = visible.any(0)
     on_texture = np.nanmedian(held[:, known], axis=0) > 0.5
     if known.any() and on_texture.mean() < MIN_TEXTURED:
         return "what stands still has almost no texture to follow"
@@ -168,12 +167,12 @@ def _why_motion_is_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, 
 def _solve_static_tracks(job: CameraProblem, shift: float) -> Attempt:
     """Return the cameras of all frames by the static tracks, which shift by `shift` pixels (`static_shift`)."""
     kind, frames = job.settings.kind, len(job.tracks)
-    if job.first is not None and kind in (None, "moving") and job.static.sum() < MIN_TRACKS:
+    if job.first is not None and kind in (None, "moving") and job.tracks.static.sum() < MIN_TRACKS:
         provider = job.settings.provider
         return Attempt(job.first, statistics={"solver": provider}).warning(
             f"Too few points stand still to refine the cameras of {provider}; they are taken as they are."
         )
-    unknown = "" if job.first is not None else _why_motion_is_unknown(job.clip, job.tracks, job.visible, job.static)
+    unknown = "" if job.first is not None else _why_motion_is_unknown(job.clip, job.tracks)
     if kind != "static" and (kind is not None or (not unknown and shift >= STATIC_PX)):
         return _solve(job)
     found = Attempt(_static_camera(np.tile(np.eye(3), (frames, 1, 1)), job), "static")
@@ -193,19 +192,22 @@ def _solve(job: CameraProblem) -> Attempt:
 def _or_of_all_tracks(job: CameraProblem, found: Attempt) -> Attempt:
     """Return `found`, or moving cameras of all tracks where those explain clearly more of the picture and the static tracks as
     sharply; either notes the fraction that it explains."""
-    best, most = found, explained_fraction(found.solution.bundle, job.tracks, job.visible)
-    tracks, visible = job.tracks[:, job.static], job.visible[:, job.static]
+    uv, visible = job.tracks.uv, job.tracks.visible
+    best, most = found, explained_fraction(found.solution.bundle, uv, visible)
+    static = uv[:, job.tracks.static], visible[:, job.tracks.static]
     for solver in ("direct", "tracks") if job.settings.solver == "auto" else (job.settings.solver,):
         if most >= ENOUGH_EXPLAINED:
             break
         settings = replace(job.settings, kind="moving", solver=solver)
-        everything = replace(job, config=replace(job.config, cameras=settings), static=np.ones_like(job.static))
+        everything = replace(
+            job, config=replace(job.config, cameras=settings), tracks=PointTracks.all_static(uv, visible)
+        )
         other = _solve(everything)
         bundle = other.solution.bundle
-        explained, more = explained_fraction(bundle, job.tracks, job.visible), MIN_EXPLAINED_MORE * (best is found)
+        explained, more = explained_fraction(bundle, uv, visible), MIN_EXPLAINED_MORE * (best is found)
         if other.kind != "moving" or explained <= max(most + more, MIN_STANDING):
             continue
-        if track_error(bundle, tracks, visible) > MAX_LESS_SHARP * track_error(found.solution.bundle, tracks, visible):
+        if track_error(bundle, *static) > MAX_LESS_SHARP * track_error(found.solution.bundle, *static):
             continue
         translation = translation_of(everything, other.solution)
         if translation.real:

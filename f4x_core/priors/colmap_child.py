@@ -21,7 +21,7 @@ import pycolmap
 
 
 def find_matches(request: dict, database: Path) -> None:
-    """SIFT features of every image and their matches over the requested pairs, written to the database."""
+    """Write SIFT features of every image, and their matches over the requested pairs, to the database."""
     folder = Path(request["folder"])
     reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_PINHOLE")
     if (folder / "masks").is_dir():
@@ -57,7 +57,7 @@ def set_focal(request: dict, database: Path) -> None:
 
 
 def solve(request: dict, database: Path) -> pycolmap.Reconstruction | None:
-    """Incremental mapping; the reconstruction with most images, or None."""
+    """Map incrementally; return the reconstruction with most images, or None."""
     options = pycolmap.IncrementalPipelineOptions(
         multiple_models=False,
         extract_colors=False,

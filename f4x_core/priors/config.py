@@ -147,6 +147,6 @@ def _finds_people(provider: str) -> str:
 
 
 def config_hash(*parts: Any) -> str:
-    """Hex digest that is equal exactly when all parts (dataclasses or JSON values) are equal."""
+    """Return a hex digest that is equal exactly where all parts (dataclasses or JSON values) are equal."""
     plain = [asdict(part) if hasattr(part, "__dataclass_fields__") else part for part in parts]
     return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()

@@ -191,8 +191,7 @@ def ground_edge(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray,
 
 
 def growth(priors: Priors, frame: int, own: np.ndarray) -> float:
-    """Logarithm of a region's change of size to the next frame, from a robust similarity of its flow; NaN if unknown, or if flow
-    is none."""
+    """Return the log of a region's change of size to the next frame, from a robust similarity of its flow; NaN if unknown."""
     if priors.flow_forward is None or priors.flow_forward_mask is None:
         return float("nan")
     y, x = np.nonzero(own & priors.flow_forward_mask[frame])

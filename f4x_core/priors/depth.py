@@ -21,13 +21,13 @@ from ..native.library import open_library
 from ..native.maps import F4X_SMOOTH_MAP, SMOOTHING
 from ..parallel import in_threads
 from ..progress import Progress
-from .camera_problem import static_tracks
 from .config import PriorsConfig
 from .contact import GUESS_CONFIDENCE, MOVING_MARGIN
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import place_objects
 from .moving_people import dilate_masks, shows_people
 from .outline import refine_mask
+from .point_tracks import PointTracks
 from .points import TRACK_OUTLIER_PX, fit_points
 from .second_look import JOINED_MOTION, mask_is_given, revise_mask
 from .standing_world import guess_world, slope
@@ -229,8 +229,10 @@ def fill_inverse_depth(
 
 
 def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dict[str, np.ndarray]:
-    """Normal matrix of the smoothness terms, differences of neighbours and of those differences along lines: its entries
-    `(h, w)` of a pixel with itself and with the one or two to the right of it or below; 0 where there is none."""
+    """Return the normal matrix of the smoothness terms: differences of neighbours, and of those differences along lines.
+
+    Its entries `(h, w)` are those of a pixel with itself and with the one or two to its right or below; 0 where there is none.
+    """
     levels = guide.astype(np.float64)
     along, down = (_line_roughness(lines, smooth, flat) for lines in (levels, levels.swapaxes(0, 1)))
     down = down.transpose(0, 2, 1)
@@ -301,7 +303,7 @@ def ground_prior(cameras: CameraPath) -> np.ndarray:
 
 
 def below_horizon(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """(..., 2): sine of the direction of `pixels (..., 2)` below the horizon, 0 above it, and 1, times the length of the ray z = 1.
+    """Return (..., 2): the sine of the direction of `pixels (..., 2)` below the horizon, 0 above it, and 1; times the ray's length.
 
     An inverse depth that is linear in them is that of a ground plane below and of a sphere above. `down (3,)` in the world.
     """
@@ -310,8 +312,7 @@ def below_horizon(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.nd
 
 
 def plain_world(inverse: np.ndarray, precision: np.ndarray, below: np.ndarray, usual: float) -> np.ndarray:
-    """Inverse depth `(h, w)` of a ground plane and a far sphere fitted to samples `inverse (h, w)`: what is not measured looks
-    like that, sky like what is at the horizon.
+    """Fit a ground plane and a far sphere to samples `inverse (h, w)`, and return their inverse depth `(h, w)`.
 
     `below (h, w, 2)` as of `below_horizon`; `usual` is the median inverse depth. `PLAIN_SAMPLES` of the plain world of
     `ground_prior` count with the samples.
@@ -328,12 +329,7 @@ def plain_world(inverse: np.ndarray, precision: np.ndarray, below: np.ndarray, u
 
 
 def _static_depth(
-    clip: Clip,
-    priors: Priors,
-    config: PriorsConfig,
-    moving: np.ndarray,
-    progress: Progress,
-    statistics: dict[str, Any],
+    clip: Clip, priors: Priors, config: PriorsConfig, moving: np.ndarray, progress: Progress, statistics: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the inverse depth and confidence `(F, H, W)` of the static world, also where it is hidden or not seen."""
     import cv2
@@ -463,13 +459,12 @@ def track_samples(priors: Priors) -> list[TrackSamples]:
     """Return the static tracks of every frame as samples of its inverse depth."""
     assert priors.cameras is not None
     cameras = priors.cameras
-    tracks, visible, static = static_tracks(priors)
+    tracks = PointTracks.of(priors)
     frames, nothing = len(cameras), TrackSamples(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-    seen = visible & static
-    seen &= seen.sum(0) >= 3
+    seen = tracks.seen & (tracks.seen.sum(0) >= 3)
     if not seen.any():
         return [nothing] * frames
-    fitted = fit_points(cameras, tracks, seen)
+    fitted = fit_points(cameras, tracks.uv, seen)
     frame, point, z = fitted.frame, fitted.point, fitted.z
     good = fitted.rms < TRACK_OUTLIER_PX
     # Angular noise over the spread of the rays is the relative error of the distance.
@@ -480,16 +475,12 @@ def track_samples(priors: Priors) -> list[TrackSamples]:
         chosen = (frame == i) & good[point]
         inverse = 1 / z[chosen]
         precision: np.ndarray = 1 / (relative[point[chosen]] * inverse) ** 2
-        samples.append(TrackSamples(tracks[i, point[chosen]].astype(np.float64), inverse, precision))
+        samples.append(TrackSamples(tracks.uv[i, point[chosen]].astype(np.float64), inverse, precision))
     return samples
 
 
 def _add_tracks(
-    rho: np.ndarray,
-    precision: np.ndarray,
-    samples: TrackSamples,
-    blocked: np.ndarray,
-    held: np.ndarray,
+    rho: np.ndarray, precision: np.ndarray, samples: TrackSamples, blocked: np.ndarray, held: np.ndarray
 ) -> None:
     """Merge track samples into the grid in place, weighted by precision and by how well the picture holds them, `held (h, w)`."""
     x, y = np.clip(samples.uv.astype(int), 0, np.array(blocked.shape[::-1]) - 1).T
@@ -503,7 +494,7 @@ def _add_tracks(
 
 
 def _confidence(filled: np.ndarray, rho: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """0..1 from the relative precision gathered around a pixel, less where the samples disagree with the filled map."""
+    """Return 0..1 from the relative precision gathered around a pixel, less where samples contradict the filled map."""
     relative = precision * filled**2  # 1 / (relative error)^2
     known = ndimage.gaussian_filter(np.minimum(relative, 400.0), 3)
     miss = ndimage.gaussian_filter(np.where(precision > 0, np.minimum(abs(rho / filled - 1), 1), 0), 1.5)

@@ -72,7 +72,7 @@ def touching_feet(body: Body, own: np.ndarray, moving: np.ndarray, edge: GroundE
 
 
 def _lowest_pixels(body: Body, own: np.ndarray, moving: np.ndarray) -> dict[int, tuple[int, int]]:
-    """Heels and toes of the person `own (H, W)` that may stand -> (column, row) of the lowest pixel below each."""
+    """Return the joints of heels and toes that may stand, each with (column, row) of the person's lowest pixel below it."""
     unit = body.pixels_per_metre
     seen = [joint for joint in FEET if body.weight[joint] >= FOOT_SEEN]
     lowest = max((body.metres[joint, 1] for joint in seen), default=0.0)
@@ -104,7 +104,7 @@ def standing_still(
     """
 
     def speed(i: int, foot: Foot) -> float:
-        """Metres a frame across the view, 0 where the foot touches in no frame near."""
+        """Return metres a frame across the view, 0 where the foot touches in no frame near."""
         camera, speeds = cameras[frames[i]], [0.0]
         metre = size[i] * camera.intrinsics[0, 0]  # pixels
         for k in np.flatnonzero((abs(frames - frames[i]) <= STILL_FRAMES) & (frames != frames[i])):

@@ -105,7 +105,7 @@ def _read(name: str, path: Path, clip: Clip) -> Any:
 
 
 def _read_array(name: str, path: Path) -> np.ndarray:
-    """One array from `.npy`, `.npz` or `.png`."""
+    """Read one array from `.npy`, `.npz` or `.png`."""
     suffix = path.suffix.lower()
     if suffix == ".png":
         import cv2
@@ -188,7 +188,7 @@ def _fit_cameras(path: CameraPath, source: str, priors: Priors, supervised: np.n
 
 
 def _resize(name: str, value: np.ndarray, source: str, priors: Priors) -> np.ndarray:
-    """Nearest-pixel resize of (F,h,w) maps to the clip's size; F4xError when the picture has another shape."""
+    """Resize maps (F,h,w) to the clip's size by the nearest pixel; F4xError where the aspect differs."""
     height, width = value.shape[1:]
     if height == 0 or width == 0 or abs(width * priors.height / (height * priors.width) - 1) > ASPECT_TOLERANCE:
         raise F4xError(

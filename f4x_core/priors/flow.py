@@ -103,8 +103,10 @@ def grey(frames: np.ndarray) -> np.ndarray:
 
 
 def sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Bilinear samples of `image` (H,W) or (H,W,C) at `points` (...,2) in pixels (centres at +0.5), border repeated; float64 of a
-    float16 or float32 image where the library is compiled, else of the more precise of both dtypes."""
+    """Sample `image` (H,W) or (H,W,C) bilinearly at `points` (...,2) in pixels (centres at +0.5), border repeated.
+
+    The result is float64 for a float16 or float32 image where the library is compiled, else of the more precise of both dtypes.
+    """
     if image.dtype.name not in ("float16", "float32") or image.ndim > 3 or open_library()[0] is None:
         return _plain_sample(image, points)
     height, width = image.shape[:2]
@@ -190,8 +192,10 @@ def texture(picture: np.ndarray) -> np.ndarray:
 
 
 def texture_along(picture: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """(h,w) in 0..1: how well flow can hold on to a grey `picture` (H,W) in a direction, `direction` (h,w,2) of any length on every
-    (H/h)-th pixel: along a line on the road there is nothing to hold on to, however sharp it is."""
+    """Return (h,w) in 0..1: the texture of `picture` (H,W) grey that flow needs along `direction` (h,w,2) on every (H/h)-th pixel.
+
+    Along a line on the road there is none, however sharp the line is. `direction` may have any length.
+    """
     import cv2
 
     values, step = picture.astype(np.float32), picture.shape[0] // direction.shape[0]
@@ -225,8 +229,8 @@ def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progr
     gap 1 that was as accurate as flow computed anew over the gap, at a twentieth of the time. They live in unnamed
     temporary files and, for later stages, in `priors.scratch`.
     """
-    if "long_flows" in priors.scratch:
-        return priors.scratch["long_flows"]
+    if priors.scratch.long_flows is not None:
+        return priors.scratch.long_flows
     assert priors.flow_forward is not None and priors.flow_backward is not None
     frames = len(priors.frames)
     wanted = (1, *config.tracks.gaps, *config.motion.gaps)
@@ -246,7 +250,7 @@ def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progr
             chain = partial(_chain, flows[signed // 2], signed // 2, out)  # exact: a power of two, either sign
             in_threads(chain, range(max(0, -signed), min(frames, frames - signed)))
     progress("long flows", len(gaps), len(gaps))
-    priors.scratch["long_flows"] = flows
+    priors.scratch.long_flows = flows
     return flows
 
 
@@ -489,7 +493,10 @@ class _Anew:
     def start(
         cls, shift: _Shift, first: np.ndarray, second: np.ndarray, missed: np.ndarray, flow: Flow
     ) -> _Anew | None:
-        """None where too little of the box is left in the picture; `missed` (H,W): by how much the flow so far misses."""
+        """Find the flow of a box anew from `shift`; None where too little of it is left in the picture.
+
+        `missed` (H,W): by how much the flow so far misses the second picture.
+        """
         import cv2
 
         ends = [np.clip(np.round(corner), 0, first.shape[::-1]).astype(int) for corner in (shift.low, shift.high)]

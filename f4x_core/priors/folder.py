@@ -61,13 +61,23 @@ ARRAYS: dict[str, tuple[str, type]] = {
 FIELDS = (*ARRAYS, "cameras")
 REMEMBERED = ("camera_kind", "provenance", "warnings", "statistics")
 """Entries of `priors.json` that a later run goes on with."""
-SEEN_DEPTH = "seen_depth"
-"""Entry of `Priors.scratch`: depth (F,H,W) that is known from elsewhere."""
 UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion", "people_probability")
 UNREADABLE = (OSError, *DAMAGE)
 """Raised on damaged `.npy` and `.npz` files, and by a system that does not give them."""
 OUTSIDE_TOLERANCE = 0.5
 """Fraction of visible track samples that may lie outside before the tracks are taken for another picture size."""
+
+
+@dataclass
+class Scratch:
+    """Data that stages share within one run; never written."""
+
+    long_flows: dict[int, np.ndarray] | None = None
+    """Flows over longer gaps (`flow.long_flows`)."""
+    seen_depth: np.ndarray | None = None
+    """(F,H,W) depth in any unit that is known from elsewhere, NaN = unknown."""
+    of_providers: dict[str, Any] = field(default_factory=dict)
+    """What a provider of several stages computes once, under a name of its own."""
 
 
 @dataclass
@@ -98,12 +108,11 @@ class Priors:
     provenance: dict[str, dict[str, Any]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     statistics: dict[str, Any] = field(default_factory=dict)
-    scratch: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
-    """Data that providers share within one run (flows over longer gaps); never written."""
+    scratch: Scratch = field(default_factory=Scratch, repr=False, compare=False)
 
     @classmethod
     def empty(cls, clip: Clip) -> Priors:
-        """No priors yet, with the size and supervised frames of `clip`."""
+        """Return a folder without priors, with the size and supervised frames of `clip`."""
         _, height, width, _ = clip.frames.shape
         return cls(width=width, height=height, frames=np.asarray(clip.supervised, np.int64), fps=float(clip.fps))
 
@@ -315,7 +324,7 @@ def read_head(folder: Path) -> dict[str, Any]:
 
 
 def read_field(folder: Path, name: str) -> Any:
-    """One prior from its file, unvalidated."""
+    """Read one prior from its file, unvalidated."""
     path = file_of(folder, name)
     if name == "cameras":
         from ..geometry.camera import CameraPath
@@ -328,7 +337,7 @@ def read_field(folder: Path, name: str) -> Any:
 
 
 def digest(path: Path) -> str:
-    """Hex digest of a file's bytes: tells a user's replacement from a provider's file."""
+    """Return the hex digest of a file's bytes, which differs where a user replaced a provider's file."""
     return _digest_bytes(path.read_bytes())
 
 

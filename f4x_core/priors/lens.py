@@ -15,6 +15,7 @@ import numpy as np
 from ..geometry.arrays import evenly_spaced
 from ..parallel import in_threads
 from .bundle import Bundle, BundleConfig, Observations, adjust, triangulate
+from .point_tracks import PointTracks
 from .sfm import on_sphere, sightings, with_points_ahead
 
 FRAMES, POINTS = 12, 300
@@ -55,7 +56,7 @@ class Bend:
         )
 
     def ffmpeg(self, width: int, height: int) -> tuple[float, float]:
-        """k1, k2 of FFmpeg's `lenscorrection`: its pixel at r (1 = half a diagonal) comes from `r (1 + k1 r^2 + k2 r^4)`."""
+        """Return k1, k2 of FFmpeg's `lenscorrection`: its pixel at r (1 = half a diagonal) comes from `r (1 + k1 r^2 + k2 r^4)`."""
         half = float(np.hypot(width, height)) / max(width, height)
         bent = np.linspace(0.05, half, 50)
         straight = bent * (1 + self.bend * bent**2)
@@ -65,15 +66,10 @@ class Bend:
         return float(k1), float(k2)
 
 
-def measure(
-    bundle: Bundle, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, config: BundleConfig
-) -> Bend | None:
-    """Return the bend that explains static tracks best, from the cameras found with a straight lens; None with too few tracks.
-
-    `tracks (F,N,2)` pixels, `visible (F,N)`, `static (N,)`: all frames of `bundle`.
-    """
+def measure(bundle: Bundle, tracks: PointTracks, config: BundleConfig) -> Bend | None:
+    """Return the bend that explains the static of `tracks` best, from the cameras found with a straight lens; None with too few."""
     frames = evenly_spaced(len(tracks), FRAMES)
-    sighted = sightings(tracks[frames], visible[frames], static, POINTS)
+    sighted = sightings(tracks.of_frames(frames), POINTS)
     if not len(sighted.tracks):
         return None
     cameras = replace(bundle.of_frames(frames), points=np.zeros((len(sighted.tracks), 3)))

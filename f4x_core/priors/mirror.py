@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from ..geometry.arrays import rank_correlation
 from ..parallel import in_threads
 from .bundle import Bundle, BundleConfig, Observations, adjust, sighting_costs, total_cost, triangulate
+from .point_tracks import PointTracks
 
 GRADUAL_PX, GRADUAL_STEPS = (16.0, 4.0, 1.0), (12, 12, 25)
 """Cauchy scales in pixels, coarse first, and the steps spent at each: parallax of tens of pixels must not look like outliers
@@ -84,12 +85,8 @@ class DepthCues:
 
     frames: np.ndarray
     """(S,) which of the F frames the sampled cameras belong to."""
-    tracks: np.ndarray
-    """(F, N, 2) pixels."""
-    visible: np.ndarray
-    """(F, N) bool."""
-    static: np.ndarray
-    """(N,) bool."""
+    tracks: PointTracks
+    """Tracks of all frames."""
     mask: np.ndarray | None = None
     """(F, H, W) bool, moving objects."""
     depth: np.ndarray | None = None
@@ -223,7 +220,7 @@ def compare_orientations(
 
 
 def _standard_errors(first: Bundle, second: Bundle, observations: Observations, config: BundleConfig) -> float:
-    """By how many standard errors `first` explains the picture better, its parts taken as independent (Vuong's statistic).
+    """Return by how many standard errors `first` explains the picture better, its parts as independent (Vuong's statistic).
 
     Source: Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses", 1989.
     """
@@ -248,12 +245,12 @@ class _TrackDepths:
 
 def _track_depths(bundle: Bundle, cues: DepthCues) -> _TrackDepths:
     """Return the static tracks triangulated from the sampled cameras, and their inverse depth there."""
-    frames, kept = cues.frames, np.flatnonzero(cues.static & (cues.visible[cues.frames].sum(0) > 2))
-    frame, point = np.nonzero(cues.visible[frames][:, kept])
-    uv = cues.tracks[frames][:, kept][frame, point].astype(np.float64)
+    frames, kept = cues.frames, np.flatnonzero(cues.tracks.static & (cues.tracks.visible[cues.frames].sum(0) > 2))
+    frame, point = np.nonzero(cues.tracks.visible[frames][:, kept])
+    uv = cues.tracks.uv[frames][:, kept][frame, point].astype(np.float64)
     points, _ = triangulate(bundle, Observations(frame, point, uv, np.ones(len(frame))), len(kept))
     z = np.einsum("fj,fnj->fn", bundle.rotation[:, 2], points[None] - bundle.center[:, None])
-    inverse = np.full(cues.visible.shape, np.nan)
+    inverse = np.full(cues.tracks.visible.shape, np.nan)
     inverse[frames[:, None], kept] = np.where(z > 0, 1 / np.where(z > 0, z, 1), np.nan)
     return _TrackDepths(inverse)
 
@@ -297,7 +294,7 @@ def _movers_in_front(dense: _TrackDepths, cues: DepthCues) -> float:
             continue
         top, bottom, left, right = rows.min(), rows.max(), columns.min(), columns.max()
         half = max((right - left) / 2, 2 * RIM_PX)
-        x, y = cues.tracks[frame, known].T
+        x, y = cues.tracks.uv[frame, known].T
         near_x = (x > left - half) & (x < right + half)
         below = near_x & (y > bottom - 0.1 * (bottom - top)) & (y < bottom + half)
         beside = near_x & (y < (top + bottom) / 2) & (y > top - half)
@@ -329,17 +326,15 @@ def _tracks_end_behind(first: _TrackDepths, second: _TrackDepths, cues: DepthCue
 
 def _endings(cues: DepthCues) -> np.ndarray:
     """Return (E, 3) int: sampled frame before a static track ends, the track, and the neighbour that comes nearest to it."""
-    tracks, visible, static = cues.tracks, cues.visible & cues.static, cues.static
-    count, unit = len(tracks), _unit(cues)
+    tracks, seen, unit = cues.tracks.uv, cues.tracks.seen, _unit(cues)
     found = []
     for before, after in zip(cues.frames[:-1], cues.frames[1:], strict=True):
-        there = visible[before] & static
-        ends = np.flatnonzero(there & ~visible[after : min(after + 3, count)].any(0) & _inside(cues, before))
-        lives = np.flatnonzero(there & visible[after])
+        ends = np.flatnonzero(seen[before] & ~seen[after : after + 3].any(0) & _inside(cues, before))
+        lives = np.flatnonzero(seen[before] & seen[after])
         past = max(before - 3, 0)
         if not len(ends) or not len(lives) or past == before:
             continue
-        ends, lives = ends[visible[past, ends]], lives[visible[past, lives]]
+        ends, lives = ends[seen[past, ends]], lives[seen[past, lives]]
         if not len(ends) or not len(lives):
             continue
         distance, which = cKDTree(tracks[before, lives]).query(
@@ -359,9 +354,9 @@ def _inside(cues: DepthCues, frame: int) -> np.ndarray:
     from scipy.ndimage import binary_dilation
 
     margin = RIM_PX * _unit(cues)
-    uv = np.nan_to_num(cues.tracks[frame], nan=-1.0)
+    uv = np.nan_to_num(cues.tracks.uv[frame], nan=-1.0)
     if cues.mask is None:
-        low, high = np.nanmin(cues.tracks, (0, 1)), np.nanmax(cues.tracks, (0, 1))
+        low, high = np.nanmin(cues.tracks.uv, (0, 1)), np.nanmax(cues.tracks.uv, (0, 1))
         return ((uv > low + margin) & (uv < high - margin)).all(1)
     height, width = cues.mask.shape[1:]
     inside = ((uv > margin) & (uv < np.array([width, height]) - margin)).all(1)
@@ -374,7 +369,7 @@ def _unit(cues: DepthCues) -> float:
     """Return the pixels of this clip per pixel of a picture 480 wide."""
     if cues.mask is not None:
         return max(cues.mask.shape[1:]) / 480
-    return float(np.nanmax(cues.tracks, initial=1.0)) / 480
+    return float(np.nanmax(cues.tracks.uv, initial=1.0)) / 480
 
 
 def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
@@ -383,8 +378,8 @@ def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
     found = []
     height, width = cues.depth.shape[1:]
     for frame in cues.frames:
-        known = np.isfinite(dense.inverse[frame]) & np.isfinite(cues.tracks[frame, :, 0])  # lost ones have no place
-        column, row = np.clip(cues.tracks[frame, known], 0, np.array([width, height]) - 1).astype(int).T
+        known = np.isfinite(dense.inverse[frame]) & np.isfinite(cues.tracks.uv[frame, :, 0])  # lost ones have no place
+        column, row = np.clip(cues.tracks.uv[frame, known], 0, np.array([width, height]) - 1).astype(int).T
         prior = cues.depth[frame, row, column]
         good = prior > 0
         if good.sum() >= MIN_SAMPLES:
@@ -393,7 +388,7 @@ def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
 
 
 def guess_inverse_distance(directions: np.ndarray, rotations: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
-    """Initial inverse distances `(P,)` where no depth is known: nearer below, for unit `directions (P, 3)`; 1 at the horizon.
+    """Return initial inverse distances `(P,)` without known depth: nearer below, for unit `directions (P, 3)`; 1 at the horizon.
 
     `rotations (F, 3, 3)` world to camera: their mean defines which way is down.
     """

@@ -119,7 +119,7 @@ def motion_score(
     progress: Progress,
     people: np.ndarray | None = None,
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    """(F,H,W) float32 in 0..1, how surely each pixel of `pictures (F,H,W,3)` uint8 moves by itself, and the evidence (JSON values).
+    """Return the score (F,H,W) float32 in 0..1 that a pixel of `pictures (F,H,W,3)` uint8 moves by itself, and evidence as JSON.
 
     people: (F,H,W) bool, pixels that show somebody, if known.
 
@@ -351,34 +351,44 @@ def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, u
     live = trust.any(1)
     r, weight = residual[live].astype(np.float64), trust[live].astype(np.float64)
     scale, x = PARALLAX_PIXELS * unit, (points - points.mean(0)) / np.ptp(points[:, 0])
-    some = np.arange(0, len(points), 3)
-    strong = some[(np.median(length(r[:, some]), axis=0) > 2 * scale) & (weight[:, some] == 1).all(0)]
-    left = length(residual)
+    some, left = np.arange(0, len(points), 3), length(residual)
+    motion = _common_parallax(r[:, some], weight[:, some], x[some], scale, seed)
+    if motion is not None:
+        left[live] = _fit_depths(r, weight, motion[:, None, :2] + motion[:, None, 2:] * x)[1]
+    return left
+
+
+def _fit_depths(r: np.ndarray, weight: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the depths rho (P,) by which `field (K,P,2)` explains the residuals `r (K,P,2)` best, and pixels left (K,P)."""
+    rho = np.einsum("kpc,kpc,kp->p", r, field, weight) / np.maximum(
+        np.einsum("kpc,kpc,kp->p", field, field, weight), 1e-9
+    )
+    return rho, length(r - rho[:, None] * field)
+
+
+def _common_parallax(r: np.ndarray, weight: np.ndarray, x: np.ndarray, scale: float, seed: int) -> np.ndarray | None:
+    """Return (K,3) a_k and b_k of `_off_parallax`, robustly; None where too few residuals `r (K,P,2)` are above `scale` pixels.
+
+    The residuals of one point, of several at random that which explains the most, are where the fit starts.
+    """
+    strong = np.flatnonzero((np.median(length(r), axis=0) > 2 * scale) & (weight == 1).all(0))
     if len(strong) < 8:
-        return left
-
-    def leftover(field: np.ndarray, at: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rho = np.einsum("kpc,kpc,kp->p", r[:, at], field, w) / np.maximum(
-            np.einsum("kpc,kpc,kp->p", field, field, w), 1e-9
-        )
-        return rho, length(r[:, at] - rho[:, None] * field)
-
+        return None
     chosen = np.random.default_rng(seed).choice(strong, min(PARALLAX_HYPOTHESES, len(strong)), replace=False)
-    fits = [leftover(np.repeat(r[:, [i]], len(some), 1), some, weight[:, some])[1] for i in chosen]
-    best = chosen[int(np.argmax([(weight[:, some] / (1 + (fit / scale) ** 2)).sum() for fit in fits]))]
-    motion = np.column_stack([r[:, best], np.zeros(len(r))])  # (K,3): a, b
+    fits = [_fit_depths(r, weight, np.repeat(r[:, [i]], len(x), 1))[1] for i in chosen]
+    best = chosen[int(np.argmax([(weight / (1 + (fit / scale) ** 2)).sum() for fit in fits]))]
+    motion = np.column_stack([r[:, best], np.zeros(len(r))])
     for _ in range(PARALLAX_ITERATIONS):
-        rho, error = leftover(motion[:, None, :2] + motion[:, None, 2:] * x[some], some, weight[:, some])
-        robust = weight[:, some] / (1 + (error / scale) ** 2) ** 2
+        rho, error = _fit_depths(r, weight, motion[:, None, :2] + motion[:, None, 2:] * x)
+        robust = weight / (1 + (error / scale) ** 2) ** 2
+        design = np.zeros((len(x), 2, 3))
+        design[:, 0, 0] = design[:, 1, 1] = rho
+        design[:, :, 2] = rho[:, None] * x
         for k in range(len(r)):
-            design = np.zeros((len(some), 2, 3))
-            design[:, 0, 0] = design[:, 1, 1] = rho
-            design[:, :, 2] = rho[:, None] * x[some]
             weighted = design * robust[k][:, None, None]
             normal = np.einsum("pci,pcj->ij", weighted, design) + 1e-9 * np.eye(3)
-            motion[k] = np.linalg.solve(normal, np.einsum("pci,pc->i", weighted, r[k, some]))
-    left[live] = leftover(motion[:, None, :2] + motion[:, None, 2:] * x, np.arange(len(points)), weight)[1]
-    return left
+            motion[k] = np.linalg.solve(normal, np.einsum("pci,pc->i", weighted, r[k]))
+    return motion
 
 
 def score_of_residuals(residual: np.ndarray, trust: np.ndarray, unit: float) -> np.ndarray:
@@ -389,8 +399,11 @@ def score_of_residuals(residual: np.ndarray, trust: np.ndarray, unit: float) -> 
 
 
 def _evidence(missed: np.ndarray, enough: float) -> np.ndarray:
-    """(F,h,w) in 0..1: whether colours tell a motion of its own, from how many levels more the background's motion misses them by
-    than the flow does, `missed (F,K,h,w)`, NaN = not to be compared; `enough` levels tell it for sure."""
+    """Return (F,h,w) in 0..1: the evidence of colors for a motion of its own.
+
+    `missed (F,K,h,w)`: levels by which the background's motion misses the colors, more than the flow does; NaN = not compared.
+    `enough` levels are certain.
+    """
     known = np.isfinite(missed)
     near = _near(missed, known)
     surest = np.sort(np.where(known, np.clip(near / enough, 0, 1), 0), axis=1)[:, -EVIDENCE_GAPS:].sum(1)
@@ -428,7 +441,7 @@ def _hidden(
 def _without_covered(
     evidence: np.ndarray, missed: np.ndarray, off: np.ndarray, hidden: np.ndarray, enough: float
 ) -> np.ndarray:
-    """(F,h,w) the `evidence (F,h,w)` without the `hidden` comparisons, where the background's motion explains one of the others.
+    """Return `evidence (F,h,w)` without `hidden` comparisons, where the background's motion explains one of the others.
 
     missed, off: (F,K,h,w) levels by which the background's motion misses the colours, more than the flow does and in all; what
     is as enclosed by evidence as `ENCLOSED` samples keeps its own: sides of an animal that look like the wall behind it.
@@ -481,7 +494,7 @@ def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarr
 
 
 def find_threshold(score: np.ndarray) -> float:
-    """Otsu's threshold of a score in 0..1, lifted by `THRESHOLD_LIFT` and kept within `THRESHOLD_RANGE`."""
+    """Return Otsu's threshold of a score in 0..1, raised by `THRESHOLD_LIFT` and kept within `THRESHOLD_RANGE`."""
     count, edges = np.histogram(score, 256, (0, 1))
     fraction, centre = count / max(count.sum(), 1), (edges[1:] + edges[:-1]) / 2
     below, mean = np.cumsum(fraction), np.cumsum(fraction * centre)

@@ -159,7 +159,7 @@ def _ground_edges(
 
 
 def _row(number: int, frames: np.ndarray, decided_by: str, degrees: float, priors: Priors) -> dict[str, Any]:
-    """Facts about one moving object, as `place_objects` describes them; `frames (f,)` rows of the priors."""
+    """Return facts about one moving object, as `place_objects` describes them; `frames (f,)` are rows of the priors."""
     first, last = (int(priors.frames[frame]) for frame in frames[[0, -1]])
     return {"group": number, "frames": [first, last], "decided_by": decided_by, "emf_degrees": round(degrees, 1)}
 
@@ -326,8 +326,10 @@ def _place_upright_plane(mover: _MovingObject, maps: DepthMaps, priors: Priors) 
 
 
 def _bulge(mask: np.ndarray) -> np.ndarray:
-    """Pixels by which the pixels of `mask (H, W)`, rows ascending, are nearer than what the body stands on: it is about as deep as
-    it is wide."""
+    """Return pixels by which the pixels of `mask (H, W)`, rows ascending, are nearer than the ground below the body.
+
+    A body is taken to be as deep as it is wide.
+    """
     inside = _from_outline(mask)[mask]
     widest = inside.max()
     return ROUND * (np.sqrt(inside * (2 * widest - inside)) - FEET_LEVEL * widest)

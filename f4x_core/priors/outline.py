@@ -252,8 +252,10 @@ def _missing_parts(
 def _like_background(
     picture: np.ndarray, behind: Background, noise: float, level: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) bool, twice: where `picture (H, W, 3)` looks like the background in full light or in shadow, and the pixels that
-    are the background's times a factor. level: (H, W) expected difference, grey levels."""
+    """Return (H, W) bool where `picture (H, W, 3)` looks like the background, in full light or in shadow; and scaled by a factor.
+
+    The second mask holds pixels that are the background's times any factor. `level (H, W)`: expected difference, gray levels.
+    """
     import cv2
 
     def mean(values: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from ..geometry.arrays import evenly_spaced, rank_correlation
 from ..geometry.quaternion import angles_between
 from .bundle import Bundle, BundleConfig, Observations, resect, total_cost, triangulate
 from .mirror import MIN_SAMPLES, adjust_coarse_to_fine, mirrored
+from .point_tracks import PointTracks
 from .sfm import sightings, solve_rotations
 
 MAX_POINTS, MAX_FRAMES = 300, 24
@@ -88,11 +89,11 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
     focal = float(np.median(seen.focal))
     tracks = (seen.tracks - seen.principal) * (focal / seen.focal)[:, None, None] + seen.principal  # one lens for all
     frames = evenly_spaced(len(tracks), MAX_FRAMES)
-    every = np.ones(tracks.shape[1], bool)
-    order = sightings(tracks[frames], seen.visible[frames], every, MAX_POINTS).tracks
+    own = PointTracks.all_static(tracks[frames], seen.visible[frames])  # in its own world the body is static
+    order = sightings(own, MAX_POINTS).tracks
     if len(order) < MIN_POINTS or len(frames) < 3:
         return None
-    start = solve_rotations(tracks[frames], seen.visible[frames], every, focal, seen.principal, MAX_POINTS)
+    start = solve_rotations(own, focal, seen.principal, MAX_POINTS)
     observed, unit = start.observations, seen.unit
     extent = _extent(observed, len(frames))
     if not extent >= MIN_EXTENT_PX:

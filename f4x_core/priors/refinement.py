@@ -8,22 +8,14 @@ import numpy as np
 
 from ..parallel import in_threads
 from ..progress import silent
-from .bundle import (
-    MIN_SEEN,
-    Bundle,
-    BundleConfig,
-    Observations,
-    adjust,
-    resect,
-    total_cost,
-    triangulate,
-)
+from .bundle import MIN_SEEN, Bundle, BundleConfig, Observations, adjust, resect, total_cost, triangulate
 from .camera_problem import Attempt, CameraProblem, rounded
 from .config import USUAL_FRAMES
 from .contact import MOVING_MARGIN
 from .flow import long_flows
 from .mirror import decide
 from .moving_people import dilate_masks
+from .point_tracks import PointTracks
 from .rematch import match_anew
 from .sfm import Solution, TrackSightings, best_focal, choose_covering_points, refocused, sightings, with_points_ahead
 from .short_tracks import Neighbourhood, sharpened
@@ -58,14 +50,7 @@ def refined(job: CameraProblem, start: Attempt) -> Attempt:
     return found
 
 
-def complete(
-    solution: Solution,
-    tracks: np.ndarray,
-    visible: np.ndarray,
-    static: np.ndarray,
-    times: np.ndarray,
-    lens: BundleConfig | None = None,
-) -> Solution:
+def complete(solution: Solution, tracks: PointTracks, times: np.ndarray, lens: BundleConfig | None = None) -> Solution:
     """Return all frames registered and adjusted together on the solution's own observations and the static tracks.
 
     Missing frames start from the interpolated path, the ones next to a known camera first, and are resected. `lens`: whether
@@ -73,7 +58,7 @@ def complete(
     """
     lens = lens or BundleConfig(refine_focal=False)
     longest = TRACK_FRAMES if len(tracks) > USUAL_FRAMES else None
-    some = sightings(tracks, visible, static, ADJUSTED_TRACKS, longest)
+    some = sightings(tracks, ADJUSTED_TRACKS, longest)
     bundle, own = solution.bundle, _limited_observations(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)
     registered = solution.registered.copy()
@@ -90,16 +75,11 @@ def complete(
     bundle = _triangulated(bundle, observations, registered, offset)
     found = Solution(bundle, observations, registered).without_outliers()
     found = replace(found, bundle=adjust(found.bundle, found.observations, replace(lens, iterations=10)))
-    every = sightings(tracks, visible, static, tracks.shape[1], longest)
+    every = sightings(tracks, tracks.uv.shape[1], longest)
     return _settled(found.without_outliers(), every, some.seen, lens)
 
 
-def _settled(
-    solution: Solution,
-    every: TrackSightings,
-    some: Observations,
-    lens: BundleConfig,
-) -> Solution:
+def _settled(solution: Solution, every: TrackSightings, some: Observations, lens: BundleConfig) -> Solution:
     """Return the solution, adjusted anew on `some` of `every` sighting of static tracks while a frame is left that misses its own.
 
     In a long sweep what a far frame misses is the first to be dropped as an outlier, and nothing draws that frame back.
@@ -129,12 +109,12 @@ def _completed(job: CameraProblem, start: Attempt) -> Attempt:
     """
 
     def completed(one: Solution) -> Solution:
-        return complete(one, job.tracks, job.visible, job.static, job.times, job.lens)
+        return complete(one, job.tracks, job.times, job.lens)
 
     if start.solution.rival is None:
         return replace(start, solution=completed(start.solution))
     found = in_threads(completed, (start.solution, start.solution.rival))
-    sighted = sightings(job.tracks, job.visible, job.static, ADJUSTED_TRACKS)
+    sighted = sightings(job.tracks, ADJUSTED_TRACKS)
     seen = sighted.seen
 
     def on_the_same_tracks(one: Solution) -> Bundle:
@@ -155,9 +135,7 @@ def _trusted(job: CameraProblem, start: Attempt) -> Attempt:
     It notes `registered`, the number of frames that their cameras meet, and `grown`.
     """
     longest = TRACK_FRAMES if len(job.tracks) > USUAL_FRAMES else None
-    pieces, whole = (
-        sightings(job.tracks, job.visible, job.static, job.tracks.shape[1], most) for most in (longest, None)
-    )
+    pieces, whole = (sightings(job.tracks, job.tracks.uv.shape[1], most) for most in (longest, None))
     found = grow_trusted(start.solution, pieces, whole, job.lens)
     noted = start.noting(registered=int(found.solution.registered.sum()))
     return replace(noted.noting(grown=True) if found.grown else noted, solution=found.solution)
@@ -200,7 +178,7 @@ def _sharpened(job: CameraProblem, start: Attempt) -> Attempt:
     if start.in_doubt or priors.flow_forward is None or len(job.tracks) < MIN_SEEN:
         return start
     blocked = np.zeros(job.pictures.shape, bool)
-    if priors.mask is not None and not job.static.all():
+    if priors.mask is not None and not job.tracks.static.all():
         blocked = dilate_masks(priors.mask, MOVING_MARGIN)
     if job.clip.hidden is not None:
         blocked = blocked | job.clip.hidden[priors.frames]

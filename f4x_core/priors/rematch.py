@@ -71,7 +71,7 @@ def _anchors(seen: Observations) -> np.ndarray:
 
 
 def _match(here: np.ndarray, there: np.ndarray, patch: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2) where what is at `patch (n, 2)` of a picture is in another one, near `guess (n, 2)`, and whether it is found (n,)."""
+    """Return the places `(n, 2)` in the picture `there` of `patch (n, 2)` of `here`, near `guess (n, 2)`, and found `(n,)` bool."""
     import cv2
 
     settings: Any = {

@@ -145,10 +145,12 @@ def flow_beyond_cameras(
 
 
 def _in_the_lens(asked: np.ndarray, still: np.ndarray, rho: np.ndarray, sway: np.ndarray) -> np.ndarray:
-    """(F,h,w) bool: what of `asked` is too near to stand there and ends on all sides; bool, as `still`, where flow is the cameras'.
+    """Return the pixels (F,h,w) bool of `asked` that are too near to stand there and end on all sides.
 
     `rho`: inverse depth; `sway`: pixels that 1 of it shifts by at most. Whatever moves evenly with a camera seems to be some still
     thing close before it, alone in the air. A wall that a camera walks along is as near, and the ground before it goes on.
+
+    `still (F,h,w)` bool: flow is the cameras'.
     """
     label, count = ndimage.label(asked & (rho >= LENS), np.ones((3, 3, 3)))
     known, goes_on = np.zeros((2, count + 1))

@@ -31,6 +31,7 @@ from .bundle import (
     total_cost,
     triangulate,
 )
+from .point_tracks import PointTracks
 from .tracks import best_rank, longest_first
 
 MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
@@ -118,18 +119,17 @@ class TrackSightings:
     """(P,) index of each point's track."""
 
 
-def sightings(
-    tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, max_count: int, longest: int | None = None
-) -> TrackSightings:
-    """Return those of at most `max_count` of the `chosen (N,)` tracks (`choose_covering_points`).
+def sightings(tracks: PointTracks, max_count: int, longest: int | None = None) -> TrackSightings:
+    """Return those of at most `max_count` of the static tracks (`choose_covering_points`).
 
-    `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times (or in every frame) count. With `longest`
+    Only tracks seen at least three times (or in every frame) count. With `longest`
     they are cut into pieces of at most so many frames, each of them a point.
     """
-    enough = chosen & (visible.sum(0) >= min(3, len(tracks)))
+    visible = tracks.visible
+    enough = tracks.static & (visible.sum(0) >= min(3, len(tracks)))
     order = choose_covering_points(visible & enough, max_count)
     frame, point = np.nonzero(visible[:, order])
-    uv = tracks[:, order][frame, point].astype(np.float64)
+    uv = tracks.uv[:, order][frame, point].astype(np.float64)
     seen = Observations(frame, point, uv, np.ones(len(frame)))
     whole = TrackSightings(seen, order)
     return whole if longest is None else _in_pieces(whole, longest)
@@ -152,7 +152,7 @@ def _in_pieces(whole: TrackSightings, longest: int) -> TrackSightings:
 
 
 def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
-    """Indices `(P,)`, ascending, of at most `max_count` of the points `visible (F, N)`, such that every frame sees some of them.
+    """Return indices `(P,)`, ascending, of at most `max_count` of the points `visible (F, N)`, so that every frame sees some.
 
     They are the q longest seen points of every frame, q as large as fits. The longest of all would leave frames without any
     point where tracks are short, as in a fast pan.
@@ -184,44 +184,35 @@ def rotation_between(a: np.ndarray, b: np.ndarray, focal: float, rounds: int = 8
     return rotation, residual
 
 
-def solve_rotations(
-    tracks: np.ndarray,
-    visible: np.ndarray,
-    static: np.ndarray,
-    focal: float,
-    principal: np.ndarray,
-    max_count: int = 1000,
-) -> Solution:
+def solve_rotations(tracks: PointTracks, focal: float, principal: np.ndarray, max_count: int = 1000) -> Solution:
     """Return a camera that only turns: rotations chained over neighbouring frames, to be adjusted by the caller.
 
-    `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. Centres are zero and points lie at distance 1.
+    Centres are zero and points lie at distance 1.
     """
-    rotation = [np.eye(3)]
+    rotation, seen = [np.eye(3)], tracks.seen
     for i in range(len(tracks) - 1):
-        shared = visible[i] & visible[i + 1] & static
+        shared = seen[i] & seen[i + 1]
         turn = np.eye(3)
         if shared.sum() >= 4:
-            a, b = (bearings(tracks[k, shared].astype(np.float64), focal, principal) for k in (i, i + 1))
+            a, b = (bearings(tracks.uv[k, shared].astype(np.float64), focal, principal) for k in (i, i + 1))
             turn, _ = rotation_between(a, b, focal)
         rotation.append(turn @ rotation[-1])
-    sighted = sightings(tracks, visible, static, max_count)
+    sighted = sightings(tracks, max_count)
     points = np.zeros((len(sighted.tracks), 3))
     bundle = Bundle(focal, principal, np.array(rotation), np.zeros((len(rotation), 3)), points)
     return Solution(on_sphere(bundle, sighted.seen), sighted.seen, np.ones(len(rotation), bool))
 
 
-def solve_with_tracks(
-    tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, focal: float, principal: np.ndarray, seed: int = 0
-) -> Solution | None:
-    """Own incremental structure from motion on static tracks; None when no pair of frames shows parallax.
+def solve_with_tracks(tracks: PointTracks, focal: float, principal: np.ndarray, seed: int = 0) -> Solution | None:
+    """Solve structure from motion incrementally on static tracks; None where no pair of frames shows parallax.
 
     The pair with the most parallax gives two cameras (five-point essential matrix); the others follow outwards, each
     resected from the points known so far, with a bundle adjustment whenever a quarter more cameras are in.
     """
-    sighted = sightings(tracks, visible, static, 2500)
+    sighted = sightings(tracks, 2500)
     observations, chosen = sighted.seen, sighted.tracks
     frames, count = len(tracks), len(chosen)
-    start = _first_pair(tracks[:, chosen], visible[:, chosen], focal, principal, seed)
+    start = _first_pair(tracks.uv[:, chosen], tracks.visible[:, chosen], focal, principal, seed)
     if start is None:
         return None
     i, j, rotation, translation = start
@@ -247,22 +238,22 @@ def solve_with_tracks(
 
 
 def solve_with_depth(
-    tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, depth: np.ndarray, focal: float | None, width: int
+    tracks: PointTracks, depth: np.ndarray, focal: float | None, width: int
 ) -> tuple[Solution, dict[str, list[float]]]:
     """Return the cameras from tracks and a depth prior: field-of-view search, chained alignments, points from depth.
 
-    `tracks (F, N, 2)`, `depth (F, H, W)` in any unit. Pairs of frames 10 and 20 apart are aligned by a similarity of their
+    `depth (F, H, W)` in any unit. Pairs of frames 10 and 20 apart are aligned by a similarity of their
     lifted tracks for every candidate field of view; the least symmetric reprojection error wins (as in MoSca).
     Returns the solution in the unit of the depth, and the search curve.
     """
     height = depth.shape[1]
     side, principal = max(width, height), np.array([width / 2, height / 2])
-    sighted = sightings(tracks, visible, static, 4000)
+    sighted = sightings(tracks, 4000)
     observations, chosen = sighted.seen, sighted.tracks
-    tracks, visible = tracks[:, chosen], visible[:, chosen]
-    column = np.clip(np.nan_to_num(tracks[..., 0]).astype(int), 0, width - 1)
-    row = np.clip(np.nan_to_num(tracks[..., 1]).astype(int), 0, height - 1)
-    z = depth[np.arange(len(tracks))[:, None], row, column].astype(np.float64)
+    uv, visible = tracks.uv[:, chosen], tracks.visible[:, chosen]
+    column = np.clip(np.nan_to_num(uv[..., 0]).astype(int), 0, width - 1)
+    row = np.clip(np.nan_to_num(uv[..., 1]).astype(int), 0, height - 1)
+    z = depth[np.arange(len(uv))[:, None], row, column].astype(np.float64)
     visible = visible & (z > 0)  # NaN compares false
 
     longest = max((len(tracks) - 1) // 2, 1)
@@ -270,7 +261,7 @@ def solve_with_depth(
     pairs = [(i, i + gap) for gap in gaps for i in range(0, len(tracks) - gap, max(gap // 4, 1))]
     fovs = np.deg2rad(np.linspace(20, 90, 72)[1:-1])
     candidates = [focal] if focal else list(side / 2 / np.tan(fovs / 2))
-    curve = [_alignment_error(tracks, visible, z, pairs, candidate, principal) for candidate in candidates]
+    curve = [_alignment_error(uv, visible, z, pairs, candidate, principal) for candidate in candidates]
     best = int(np.argmin(curve))
     found = float(candidates[best])
     if 0 < best < len(curve) - 1:  # parabola through the three lowest: finer than the 1-degree steps
@@ -284,11 +275,11 @@ def solve_with_depth(
         shared = visible[i] & visible[i + 1]
         step = np.eye(4)
         if shared.sum() >= 4:
-            here, there = (_lift(tracks[k, shared], z[k, shared], found, principal) for k in (i, i + 1))
+            here, there = (_lift(uv[k, shared], z[k, shared], found, principal) for k in (i, i + 1))
             step[:3, :3], step[:3, 3] = _robust_alignment(here, there, with_scale=False)[1:]
         matrices.append(step @ matrices[-1])
     bundle = from_matrices(np.array(matrices), found, principal, np.zeros((len(chosen), 3)))
-    lifted = np.einsum("fji,fnj->fni", bundle.rotation, _lift(tracks, z, found, principal)) + bundle.center[:, None]
+    lifted = np.einsum("fji,fnj->fni", bundle.rotation, _lift(uv, z, found, principal)) + bundle.center[:, None]
     points = np.nanmedian(np.where(visible[..., None], lifted, np.nan), axis=0)
     known = np.isfinite(points).all(1)
     bundle = replace(bundle, points=np.where(known[:, None], points, 0.0))
@@ -354,10 +345,7 @@ def solve_with_colmap(
 
 
 def search_focal(
-    solution: Solution,
-    width: int,
-    candidates: Sequence[float],
-    expected: float = DEFAULT_FOCAL,
+    solution: Solution, width: int, candidates: Sequence[float], expected: float = DEFAULT_FOCAL
 ) -> tuple[Solution, dict[str, list[float]]]:
     """Return a sample of a turning camera adjusted at the focal length its observations prefer, and the curve of errors.
 
@@ -441,12 +429,7 @@ def refocused(solution: Solution, focal: float, translating: bool = True) -> Sol
     return replace(solution, bundle=replace(bundle, points=np.where(np.isfinite(points), points, bundle.points)))
 
 
-def adjust_known(
-    bundle: Bundle,
-    observations: Observations,
-    registered: np.ndarray,
-    config: BundleConfig,
-) -> Bundle:
+def adjust_known(bundle: Bundle, observations: Observations, registered: np.ndarray, config: BundleConfig) -> Bundle:
     """Run `bundle.adjust` on the registered frames and finite points alone; the others stay unchanged."""
     frames, points = np.flatnonzero(registered), np.flatnonzero(np.isfinite(bundle.points).all(1))
     seen = observations.keep(registered[observations.frame] & np.isin(observations.point, points))

@@ -73,7 +73,7 @@ class StillnessTest:
     """Compares frames of a clip with a few reference frames of it."""
 
     def __init__(self, read: ReadPicture, frames: int, focal: float) -> None:
-        """`focal`: focal length in pixels; a wrong one hardly matters for shifts of few pixels."""
+        """Find corners in the reference frames; `focal` in pixels hardly matters for shifts of few pixels."""
         import cv2
 
         self.read, self.frames, self.focal = read, frames, focal

@@ -149,7 +149,7 @@ class GuessedWorld:
 
 
 def slope(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """(...) by how much the rays z = 1 through `pixels (..., 2)` fall: the inverse depth of the ground one unit below the camera.
+    """Return (...) the fall of the rays z = 1 through `pixels (..., 2)`: the inverse depth of the ground one unit below the camera.
 
     `down (3,)` in the world.
     """

@@ -76,7 +76,7 @@ class Translation:
 
 def first_solution(job: CameraProblem) -> Attempt:
     """Return a solution of some frames, its depth not mirrored; of kind `pan` or `moving`."""
-    turning = solve_rotations(job.tracks, job.visible, job.static, job.focal, job.principal, 4 * SAMPLED_POINTS)
+    turning = solve_rotations(job.tracks, job.focal, job.principal, 4 * SAMPLED_POINTS)
     sample, search = search_lens(job, turning)
     focal, errors = sample.bundle.focal, sample.bundle.errors(sample.observations)
     parallax = float(np.percentile(errors, 90)) if len(errors) else 0.0
@@ -142,9 +142,7 @@ def _moving(job: CameraProblem, turning: Solution) -> Attempt | None:
     measured: dict[str, Any] = {}
     if priors.depth is not None and settings.solver in ("auto", "depth"):
         known = job.focal if settings.focal else None
-        solution, measured["focal_search"] = solve_with_depth(
-            job.tracks, job.visible, job.static, priors.depth, known, priors.width
-        )
+        solution, measured["focal_search"] = solve_with_depth(job.tracks, priors.depth, known, priors.width)
         if solution.error < 4 * MAX_ERROR_PX:  # the final adjustment no longer leans on the depth and comes below
             found = _resolve_mirror(job, solution)
             return None if found is None else found.noting(**measured, solver="depth")
@@ -153,7 +151,7 @@ def _moving(job: CameraProblem, turning: Solution) -> Attempt | None:
         direct = _resolve_mirror(job, turning)
         if direct is not None:
             direct = direct.noting(**measured, solver="direct")
-            good = direct.solution.error < 2 * MAX_ERROR_PX and linked(job.visible & job.static)
+            good = direct.solution.error < 2 * MAX_ERROR_PX and linked(job.tracks.seen)
             if good or settings.solver == "direct":
                 return direct
     start = _solve_incrementally(job)
@@ -175,7 +173,7 @@ def _solve_incrementally(job: CameraProblem) -> Attempt | None:
             if found.registered.sum() >= MIN_REGISTERED * len(keyframes) and found.error < MAX_ERROR_PX:
                 return tried[0]
     if settings.solver in ("auto", "tracks"):
-        found = solve_with_tracks(job.tracks, job.visible, job.static, job.focal, job.principal, settings.seed)
+        found = solve_with_tracks(job.tracks, job.focal, job.principal, settings.seed)
         if found is not None:
             tried.append(Attempt(found, statistics={"solver": "tracks"}))
 
@@ -238,7 +236,7 @@ def _with_sightings(job: CameraProblem, solution: Solution) -> Solution:
     """Return a solution whose cameras have points: without their own those of the static tracks, triangulated."""
     if len(solution.observations.frame):
         return solution
-    sighted = sightings(job.tracks, job.visible, job.static, 4 * SAMPLED_POINTS)
+    sighted = sightings(job.tracks, 4 * SAMPLED_POINTS)
     points, _ = triangulate(solution.bundle, sighted.seen, len(sighted.tracks))
     return replace(solution, bundle=replace(solution.bundle, points=points), observations=sighted.seen)
 

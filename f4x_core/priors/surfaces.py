@@ -64,7 +64,7 @@ def errors(swept: Swept) -> np.ndarray:
 
 
 def reliability(samples: Samples, swept: Swept) -> float:
-    """0..1: how far the sweep of a frame is believed, by its median difference from flow on textured surfaces, in its own errors.
+    """Return 0..1: the trust in the sweep of a frame, by its median difference from flow on textured surfaces, in its errors.
 
     Where the lens bends, the shutter rolls or hardly anything shifts, the sweep fits what it finds.
     """

@@ -135,8 +135,10 @@ def _cost_at(costs: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def compared_frames(cameras: CameraPath, frame: int, usual: float, spacing: float) -> list[list[int]]:
-    """Up to `VIEWS` frames before and as many after, those with the most parallax of the inverse depth `usual` that is no more than
-    `PARALLAX`, and that of two planes, `spacing` apart, no more than `STEP_PX`."""
+    """Return up to `VIEWS` frames before, and as many after, with the most parallax that is still small enough.
+
+    The inverse depth `usual` shifts by at most `PARALLAX`, and two planes `spacing` apart differ by at most `STEP_PX`.
+    """
     focal = cameras.intrinsics[frame, 0, 0] / cameras.width
     most = min(PARALLAX, STEP_PX / cameras.width * usual / spacing)
     sides = []

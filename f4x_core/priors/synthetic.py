@@ -107,7 +107,7 @@ class TruePeople:
             return cls(who, joints, np.array([float(person["height"]) for person in people]))
 
     def pixels(self, frame: int, camera: Camera) -> np.ndarray:
-        """Joints in a frame's picture (M, 33, 3): x, y and 1 where it shows the person there, 0 where something hides them.
+        """Return joints in a frame's picture (M, 33, 3): x, y and 1 where it shows the person there, 0 where something hides them.
 
         A joint that the person's own body hides counts as shown. NaN for people of whom the frame shows nothing.
         """
@@ -334,9 +334,10 @@ def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pr
 
 def _truth(clip: Clip, priors: Priors, progress: Progress) -> Truth:
     """Return the truth, read once for all stages."""
-    if "truth" not in priors.scratch:
-        priors.scratch["truth"] = Truth.read(clip, progress)
-    return priors.scratch["truth"]
+    kept = priors.scratch.of_providers
+    if "truth" not in kept:
+        kept["truth"] = Truth.read(clip, progress)
+    return kept["truth"]
 
 
 def _unit(truth: Truth, priors: Priors) -> float:
@@ -347,7 +348,7 @@ def _unit(truth: Truth, priors: Priors) -> float:
 def _seeds(
     truth: Truth, frame: int, moving: bool, spacing: float, known: list[tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
-    """Pixel centres on a grid, static or moving, that no known visible track lies near, `(n, 2)`."""
+    """Return pixel centres `(n, 2)` on a grid, static or moving, that no known visible track lies near."""
     height, width = truth.depth.shape[1:]
     step = max(int(spacing), 1)
     rows, columns = np.arange(step // 2, height, step), np.arange(step // 2, width, step)

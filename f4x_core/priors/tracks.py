@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import repeat
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -86,43 +87,53 @@ def track_points(
     visible[start, np.arange(count)] = True
 
     def follow(sign: int) -> None:
+        """Follow all points from their first frames to the end (1) or the start (-1) of the clip."""
         drift = np.full((frames, count), np.inf)
         drift[start, np.arange(count)] = 0
         for t in range(frames)[::sign]:
-            open_ = np.nonzero(sign * start < sign * t)[0]
-            if len(open_) == 0:
-                continue
-            best = np.full(len(open_), np.inf)
-            for gap in config.gaps:
-                source = t - sign * gap
-                if not 0 <= source < frames:
-                    continue
-                reach = np.nonzero(sign * start[open_] <= sign * source)[0]
-                points = open_[reach]
-                here = position[source, points]
-                step = sample(used[sign * gap][source], here)
-                there = here + step
-                error = length(step + sample(used[-sign * gap][t], there))
-                believed = visible[source, points] & inside(there, height, width)
-                believed &= error < np.maximum(RETURN_PIXELS, RETURN_FRACTION * length(step))
-                total = drift[source, points] + error + np.where(believed, 0, LOST_ERROR)
-                better = total < best[reach]
-                chosen, points = reach[better], points[better]
-                best[chosen] = total[better]
-                position[t, points], visible[t, points] = there[better], believed[better]
-            drift[t, open_] = best
+            followed = np.nonzero(sign * start < sign * t)[0]
+            best = np.full(len(followed), np.inf)
+            for source in (t - sign * gap for gap in config.gaps if 0 <= t - sign * gap < frames):
+                reached = np.nonzero(sign * start[followed] <= sign * source)[0]
+                points = followed[reached]
+                step = _step(used, source, t, position[source, points])
+                seen = visible[source, points] & step.returns & inside(step.ends, height, width)
+                total = drift[source, points] + step.error + np.where(seen, 0, LOST_ERROR)
+                better = total < best[reached]
+                best[reached[better]] = total[better]
+                position[t, points[better]], visible[t, points[better]] = step.ends[better], seen[better]
+            drift[t, followed] = best
             if surface is not None:
-                position[t, open_] = surface.pull(position[t, open_], t)
+                position[t, followed] = surface.pull(position[t, followed], t)
 
     in_threads(follow, (1, -1))  # later frames and earlier ones: nothing is written by both
     return (position + offset).astype(np.float32), visible & inside(position + offset, height, width)
+
+
+class _Step(NamedTuple):
+    """Points followed from one frame to another."""
+
+    ends: np.ndarray
+    """(P,2) pixels in the other frame."""
+    error: np.ndarray
+    """(P,) pixels by which the flow back misses the start."""
+    returns: np.ndarray
+    """(P,) bool: that error is small."""
+
+
+def _step(flows: dict[int, np.ndarray], source: int, target: int, points: np.ndarray) -> _Step:
+    """Follow `points` (P,2) by the flow from frame `source` to `target`, and back."""
+    shift = sample(flows[target - source][source], points)
+    ends = points + shift
+    error = length(shift + sample(flows[source - target][target], ends))
+    return _Step(ends, error, error < np.maximum(RETURN_PIXELS, RETURN_FRACTION * length(shift)))
 
 
 class ObjectFlows:
     """Flows of masked moving objects, free of the background's, and the way back onto the objects."""
 
     def __init__(self, flows: dict[int, np.ndarray], mask: np.ndarray, config: TracksConfig) -> None:
-        """`flows` as of `flow.long_flows`, mask (F,H,W) bool."""
+        """Smooth `flows`, as of `flow.long_flows`, inside `mask` (F,H,W) bool."""
         import cv2
 
         frames, height, width = mask.shape
@@ -221,46 +232,53 @@ def relink(
     like it before it was lost; candidates near there must correlate (`MIN_CORRELATION`) and the best pair is joined first.
     Returns joined tracks, their visibility and the number of joins. Nothing is invented between the two ends.
     """
-    from scipy.spatial import cKDTree
+    ends, last = _TrackEnds(tracks, visible, pictures), len(pictures) - 2
+    links = in_threads(
+        lambda end: [*ends.links(end, longest_gap)], range(last), lambda done: progress("tracks", done, last, "join")
+    )
+    return _join_links(tracks, visible, [link for found in links for link in found])
 
-    frames, height, width = pictures.shape
-    first, last = visible.argmax(0), frames - 1 - visible[::-1].argmax(0)
-    seen = visible.any(0)
-    # Right beside an occluder patches contain it, some frames away they do not: look at both.
-    away = MIN_SAMPLES - 1
-    last_look, first_look = _patches(pictures, tracks, last), _patches(pictures, tracks, first)
-    last_away = _patches(pictures, tracks, np.maximum(last - away, 0))
-    first_away = _patches(pictures, tracks, np.minimum(first + away, frames - 1))
 
-    def links(end: int) -> list[tuple[float, int, int]]:
-        """Return the tracks lost after frame `end` with later ones that they may be: (correlation, track, other)."""
-        before = max(end - away, 0)
-        lost = np.nonzero(seen & (last == end) & visible[before])[0]
-        here = tracks[end, lost]
+class _TrackEnds:
+    """First and last sightings of tracks, and the patches around them."""
+
+    def __init__(self, tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray) -> None:
+        """Cut out the patches; tracks (F,N,2), visible (F,N), pictures (F,H,W) uint8."""
+        self.tracks, self.visible, (frames, *self.size) = tracks, visible, pictures.shape
+        self.first, self.last = visible.argmax(0), frames - 1 - visible[::-1].argmax(0)
+        self.seen = visible.any(0)
+        # Right beside an occluder patches contain it, some frames away they do not: look at both.
+        self.away = MIN_SAMPLES - 1
+        self.settled = np.minimum(self.first + self.away, frames - 1)
+        self.begins = [_patches(pictures, tracks, frame) for frame in (self.first, self.settled)]
+        self.ends = [_patches(pictures, tracks, f) for f in (self.last, np.maximum(self.last - self.away, 0))]
+
+    def links(self, end: int, longest_gap: int) -> Iterator[tuple[float, int, int]]:
+        """Yield (correlation, track, other) for tracks lost after frame `end` and later ones that they may be."""
+        from scipy.spatial import cKDTree
+
+        before = max(end - self.away, 0)
+        lost = np.nonzero(self.seen & (self.last == end) & self.visible[before])[0]
+        here = self.tracks[end, lost]
+        height, width = self.size
         lost = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)]
-        later = np.nonzero(seen & (first > end) & (first <= end + longest_gap))[0]
-        settled = np.minimum(first[later] + away, frames - 1)
-        later = later[visible[settled, later]]
-        found: list[tuple[float, int, int]] = []
+        later = np.nonzero(self.seen & (self.first > end) & (self.first <= end + longest_gap))[0]
+        later = later[self.visible[self.settled[later], later]]
         if not (len(lost) and len(later)):
-            return found
-        company = _Company(tracks, visible, lost, before, end)
-        for begin in np.unique(first[later]):
-            expected = company.expected(begin)
-            candidates = later[first[later] == begin]
-            tree = cKDTree(tracks[begin, candidates])
-            radius = LINK_RADIUS + 0.5 * (begin - end)
-            for track, near in zip(lost, tree.query_ball_point(expected, radius), strict=True):
-                if near:
-                    others = candidates[near]
-                    similarities = np.maximum(
-                        first_look[others] @ last_look[track], first_away[others] @ last_away[track]
-                    )
-                    found += [(look, track, other) for look, other in zip(similarities, others, strict=True)]
-        return found
+            return
+        company = _Company(self.tracks, self.visible, lost, before, end)
+        for begin in np.unique(self.first[later]):
+            candidates = later[self.first[later] == begin]
+            tree, radius = cKDTree(self.tracks[begin, candidates]), LINK_RADIUS + 0.5 * (begin - end)
+            for track, near in zip(lost, tree.query_ball_point(company.expected(begin), radius), strict=True):
+                others = candidates[near]
+                yield from (
+                    (look, track, other) for look, other in zip(self._alike(track, others), others, strict=True)
+                )
 
-    pieces = in_threads(links, range(frames - 2), lambda done: progress("tracks", done, frames - 2, "join"))
-    return _join_links(tracks, visible, [link for found in pieces for link in found])
+    def _alike(self, track: int, others: np.ndarray) -> np.ndarray:
+        """Return the correlations (n,) of the end of a track with the beginnings of `others` (n,) int."""
+        return np.maximum(*(begins[others] @ ends[track] for begins, ends in zip(self.begins, self.ends, strict=True)))
 
 
 def _join_links(
@@ -287,11 +305,7 @@ def _join_links(
 
 
 def continue_lost(
-    tracks: np.ndarray,
-    visible: np.ndarray,
-    pictures: np.ndarray,
-    longest_gap: int,
-    progress: Progress = silent,
+    tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray, longest_gap: int, progress: Progress = silent
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Continue tracks that end inside the picture where their points are seen again, within `longest_gap` frames.
 
@@ -374,8 +388,10 @@ def _seen_again(company: _Company, rows: np.ndarray, pictures: np.ndarray, t: in
 def _find_patches(
     picture: np.ndarray, other: np.ndarray, points: np.ndarray, near: np.ndarray, radius: int
 ) -> np.ndarray:
-    """(L,2) where the patches around `points (L,2)` of a picture (H,W) are found in another one, at most `radius` pixels from
-    `near (L,2)`; NaN where nothing there is `MIN_CORRELATION`."""
+    """Return the places (L,2) in `other` of the patches of `picture` (H,W) around `points (L,2)`; NaN where none is found.
+
+    They lie within `radius` pixels of `near (L,2)` and correlate by `MIN_CORRELATION`.
+    """
     import cv2
 
     height, width = picture.shape
@@ -399,7 +415,10 @@ class _Company:
     """Tracks that moved with points before these were lost, and where the points should be as long as some of them are seen."""
 
     def __init__(self, tracks: np.ndarray, visible: np.ndarray, lost: np.ndarray, before: int, end: int) -> None:
-        """tracks (F,N,2), visible (F,N), lost (L,): points last seen in frame `end`, and in frame `before`."""
+        """Find the neighbours that moved like the points `lost (L,)` from frame `before` to `end`, where they were seen last.
+
+        tracks (F,N,2), visible (F,N).
+        """
         from scipy.spatial import cKDTree
 
         self.tracks, self.visible, self.lost, self.end = tracks, visible, lost, end
@@ -417,8 +436,10 @@ class _Company:
         self.like = np.take_along_axis(like & (near != lost[:, None]), order, 1)
 
     def expected(self, begin: int, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """(L,2) where the lost points, or the `rows` of them, should be in frame `begin`: moved like the tracks near them that
-        moved like them so far; with fewer than `MIN_GUIDES` of those a point goes on at its own speed."""
+        """Return the expected places (L,2) of the lost points, or of `rows` of them, in frame `begin`.
+
+        A point moves like the tracks near it that moved like it so far; with fewer than `MIN_GUIDES` of those it keeps its speed.
+        """
         near = self.near[rows]
         guides = self.like[rows] & self.visible[begin, near]
         first = np.argsort(~guides, axis=1, kind="stable")[:, :NEIGHBOURS]
@@ -464,7 +485,7 @@ def best_rank(group: np.ndarray, item: np.ndarray, count: int) -> np.ndarray:
 
 
 def longest_first(visible: np.ndarray) -> np.ndarray:
-    """(N,) int: the points `visible (F,N)` by the number of frames that see them, those of equal numbers from all over the picture.
+    """Return indices (N,) of the points `visible (F,N)` by the number of frames that see them, equals from all over the picture.
 
     Tracks come row by row, and where the camera moves little most are seen in all frames: the first of these are the picture's
     top, a far wall or the sky, which looks the same to a camera that only turns.

@@ -53,7 +53,7 @@ class Trusted:
 
 
 def frame_errors(bundle: Bundle, seen: Observations, count: int, rounds: int = 0) -> np.ndarray:
-    """Median reprojection error in pixels of every frame, `(F,)`, of `count` points triangulated anew; NaN where it sees none.
+    """Return the median reprojection error `(F,)` in pixels of `count` points triangulated anew; NaN where a frame sees none.
 
     In so many further `rounds` sightings that miss their point count less: frames whose cameras are wrong do not move points.
     """
@@ -67,12 +67,7 @@ def frame_errors(bundle: Bundle, seen: Observations, count: int, rounds: int = 0
     return np.array([np.median(one) if len(one) else np.nan for one in frames])
 
 
-def grow_trusted(
-    solution: Solution,
-    pieces: TrackSightings,
-    whole: TrackSightings,
-    lens: BundleConfig,
-) -> Trusted:
+def grow_trusted(solution: Solution, pieces: TrackSightings, whole: TrackSightings, lens: BundleConfig) -> Trusted:
     """Return the solution, its cameras grown from the frames that it meets where it misses some.
 
     pieces, whole: every sighting of the tracks that may stand: cut into pieces where tracks are long, by

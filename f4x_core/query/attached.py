@@ -31,7 +31,7 @@ class Attached(NamedTuple):
 
 
 def attached_to(scene: Scene, chosen: np.ndarray) -> Attached:
-    """The moving Gaussians, not `chosen (N,)` bool themselves, that belong to the chosen ones."""
+    """Return the moving Gaussians that belong to `chosen (N,)` bool and are none of them."""
     left = scene.moving & ~chosen
     none = np.zeros(len(chosen), bool)
     if not left.any() or not chosen[scene.moving].any():
@@ -52,12 +52,12 @@ def attached_to(scene: Scene, chosen: np.ndarray) -> Attached:
 
 
 def mostly(superpoints: Superpoints, chosen: np.ndarray) -> np.ndarray:
-    """(P,) bool: superpoints of which more than half of the Gaussians are `chosen (N,)` bool."""
+    """Return the superpoints (P,) bool of which more than half of the Gaussians are `chosen (N,)` bool."""
     return superpoints.means(chosen.astype(float), np.ones(len(chosen))) > MOSTLY
 
 
 def attached(scene: Scene, superpoints: Superpoints, thing: np.ndarray) -> np.ndarray:
-    """(P,) bool: the superpoints outside `thing (P,)` bool that are its shadow or loose edges of it."""
+    """Return the superpoints (P,) bool outside `thing (P,)` bool that are its shadow or loose edges of it."""
     loose, others = superpoints.left_over(thing)
     rows = np.flatnonzero(loose)
     found = np.zeros(len(thing), bool)
@@ -78,7 +78,7 @@ def attached(scene: Scene, superpoints: Superpoints, thing: np.ndarray) -> np.nd
 def _nearer(
     scene: Scene, superpoints: Superpoints, asked: np.ndarray, thing: np.ndarray, others: np.ndarray
 ) -> np.ndarray:
-    """(k,) bool: superpoints `asked (k,)` that that are, over time, nearer to those of `thing (P,)` bool than to `others (P,)`."""
+    """Return (k,) bool: superpoints `asked (k,)` that are, over time, nearer to `thing (P,)` bool than to `others (P,)` bool."""
     apart = np.zeros((2, len(asked)))
     for time in scene.cameras.times[evenly_spaced(len(scene.cameras), TIMES)]:
         means = scene.posed(float(time)).means

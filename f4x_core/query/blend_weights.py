@@ -19,7 +19,7 @@ MARGIN = 0.25
 
 
 def blend_weight_sums(scene: Scene, time: float, index: int | None, layers: np.ndarray) -> np.ndarray:
-    """(N,L) float32: blend weights of every Gaussian, static first, summed over `layers (H,W,L)` at clip time `time`.
+    """Return (N,L) float32: blend weights of every Gaussian, static first, summed over `layers (H,W,L)` at clip time `time`.
 
     Seen from the camera at `time`, or from the clip's camera number `index`; its pictures are scaled to the size of the layers.
     """
@@ -42,7 +42,7 @@ class Look:
 def seen_sums(
     look: Look, layers: np.ndarray, least: float, among: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(sums (N,L) float64, seen (N,) bool): blend weights in `layers (H,W,L)`, and the Gaussians that show in the picture.
+    """Return (sums (N,L) float64 of blend weights in `layers (H,W,L)`, (N,) bool of the Gaussians that show in the picture).
 
     A Gaussian shows if some of its light falls into the picture, and of all its light, on a picture that is wider by `MARGIN`,
     at least the fraction `least` passes what is before it. Only those of `among (N,) bool` are looked at for that.
@@ -64,19 +64,19 @@ def seen_sums(
 
 
 def total_blend_weights(scene: Scene, views: int, columns: int) -> np.ndarray:
-    """(N,) float64: blend weights of each Gaussian in pixels, summed over at most `views` views of the clip, `columns` wide."""
+    """Return (N,) float64: blend weights in pixels, summed over at most `views` views of the clip, `columns` wide."""
     return sums_over_views(scene, views, columns, lambda frame, size: np.ones((*size, 1), np.float32))[:, 0]
 
 
 def view_size(scene: Scene, columns: int) -> tuple[int, int]:
-    """(h,w) of the clip's pictures drawn `columns` wide."""
+    """Return (h,w) of the clip's pictures drawn `columns` wide."""
     return max(1, round(columns * scene.cameras.height / scene.cameras.width)), columns
 
 
 def sums_over_views(
     scene: Scene, views: int, columns: int, draw: Callable[[int, tuple[int, int]], np.ndarray]
 ) -> np.ndarray:
-    """(N,L) float64: `blend_weight_sums`, summed over at most `views` views of the clip, `columns` wide.
+    """Return (N,L) float64: `blend_weight_sums`, summed over at most `views` views of the clip, `columns` wide.
 
     `draw` gives the layers (h,w,L) of a clip frame at the size (h,w) of a view (`view_size`).
     """
@@ -90,7 +90,7 @@ def sums_over_views(
 def lift_masks(
     scene: Scene, masks: Mapping[int, np.ndarray], progress: Progress = silent
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(fraction (N,) in [0, 1], sum (N,) in pixels): how much of every Gaussian's blend weights lies inside `masks` in all frames.
+    """Return the fraction (N,) in [0, 1] of every Gaussian's blend weights inside `masks`, and their sum (N,) in pixels.
 
     `masks`: clip frame -> (H,W) fractions in [0, 1], of any size. The fraction is 0 where the sum is.
     """

@@ -43,7 +43,7 @@ class Split:
 
 
 def evidence(features: np.ndarray, labels: np.ndarray, null: np.ndarray) -> np.ndarray:
-    """(…,L): how far unit `features (…,C)` lie from the `null (C,)` in the direction of `labels (L,C)`; 0 = no evidence."""
+    """Return (…,L): the distance of unit `features (…,C)` from `null (C,)` toward `labels (L,C)`; 0 = no evidence."""
     units = features / np.maximum(np.linalg.norm(features, axis=-1, keepdims=True), 1e-12)
     towards = labels / np.maximum(np.linalg.norm(labels, axis=-1, keepdims=True), 1e-12) - null
     return (units - null) @ (towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-12)).T
@@ -89,7 +89,7 @@ def prepare(scene: Scene) -> None:
 
 
 def word_probabilities(scene: Scene, query: TextQuery) -> np.ndarray | None:
-    """(N,) float64 in [0, 1]: probability that a Gaussian belongs to a target; None where the encoder has no null vector.
+    """Return the probability (N,) float64 that a Gaussian belongs to a target; None where the encoder has no null vector.
 
     The best of several targets counts, each weighed against the query's other words.
     """
@@ -107,7 +107,7 @@ def word_probabilities(scene: Scene, query: TextQuery) -> np.ndarray | None:
 
 
 def without_leaks(probability: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """(N,): the probability of a label; where most that has it moves, not of static Gaussians that answer clearly less.
+    """Return the probability (N,) of a label, 0 for static Gaussians that answer clearly less where most that has it moves.
 
     They are what is behind: the grass of a dog has .8 of its probability, the second camel of a herd, which stands, .97.
     """
@@ -118,7 +118,7 @@ def without_leaks(probability: np.ndarray, moving: np.ndarray) -> np.ndarray:
 
 
 def _probability(patches: Patches, odds: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(P,): probability of a label by its log-odds and the evidence for it, (P,) each, split by the scene itself."""
+    """Return the probability (P,) of a label from its log-odds (P,) and its evidence (P,), split by the scene itself."""
     weight = patches.weight
     parts = split(patches.smooth(odds), weight)
 
@@ -131,7 +131,7 @@ def _probability(patches: Patches, odds: np.ndarray, seen: np.ndarray) -> np.nda
 
 
 def _otsu(values: np.ndarray, weights: np.ndarray) -> float:
-    """The threshold with the greatest variance between what lies below and above it (Otsu 1979)."""
+    """Return the threshold with the greatest variance between the values below and above it (Otsu 1979)."""
     order = np.argsort(values)
     ordered, mass = values[order], np.cumsum(weights[order])
     below = np.cumsum(weights[order] * ordered)

@@ -6,6 +6,7 @@ No teacher of words knows them; the graph of a scene tells them by how little th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -32,10 +33,22 @@ def shaped_scores(scene: Scene, label: str) -> Callable[[Scene], np.ndarray] | N
     return next((scores for means, scores in SHAPED if means(scene, label)), None)
 
 
+Source = Literal["cast", "people", "shape", "teacher"]
+"""What knows the Gaussians of a label: what is cast, the people of the scene, `SHAPED`, or the teacher of its vocabulary."""
+
+
+def source_of(scene: Scene, label: str) -> Source:
+    """Return what knows the Gaussians that `label` means."""
+    if is_cast(label):
+        return "cast"
+    if is_of_people(scene, label):
+        return "people"
+    return "teacher" if shaped_scores(scene, label) is None else "shape"
+
+
 def needs_no_teacher(scene: Scene, label: str) -> bool:
-    """Return True if the scene itself tells what `label` means, and no vocabulary has to know it: what is cast, the ground,
-    the sky, floaters, known people."""
-    return is_cast(label) or is_of_people(scene, label) or shaped_scores(scene, label) is not None
+    """Return True if the scene itself knows what `label` means, and no vocabulary has to."""
+    return source_of(scene, label) != "teacher"
 
 
 SURFACES = (GROUND, SKY)
@@ -45,12 +58,17 @@ SOMEBODY = ("man", "woman", "boy", "girl", "child", "guy", "dancer")
 
 
 def untaught_words(scene: Scene, words: Sequence[str] = SURFACES + SOMEBODY) -> list[str]:
-    """Return those of some words that a scene itself tells."""
+    """Return those of some words that need no teacher."""
     return [word for word in words if needs_no_teacher(scene, word)]
 
 
+def with_untaught(scene: Scene, labels: Sequence[str], words: Sequence[str] = SURFACES + SOMEBODY) -> list[str]:
+    """Return `labels` and the untaught ones of `words`; none of those without labels, as any word may be a name then."""
+    return [*labels, *(untaught_words(scene, words) if labels else ())]
+
+
 def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = SELECT) -> np.ndarray:
-    """(N,) float64: 1 for the Gaussians of what is cast, by those `by (N,)` bool alone if given; by all if none of them moves.
+    """Return (N,) float64: 1 for the Gaussians of shadows and the like, with `by (N,)` bool of those that these cast.
 
     Gaussians of things are none of it, though they look much like the background: sills and wheels above a car's shadow.
     """
@@ -66,7 +84,7 @@ def cast_of(scene: Scene, by: np.ndarray | None = None, config: SelectConfig = S
 
 
 def without_shadow(scene: Scene, scores: np.ndarray, config: SelectConfig = SELECT) -> np.ndarray:
-    """`scores (N,)` of a thing, 0 for what is cast on the background and looks like it; unless most of the thing is cast."""
+    """Return `scores (N,)` of a thing, 0 for what is cast on the background and looks like it; unless most of the thing is cast."""
     if not scores[scene.moving].any():
         return scores
     superpoints = graph_of(scene, config).moving
@@ -80,5 +98,5 @@ def without_shadow(scene: Scene, scores: np.ndarray, config: SelectConfig = SELE
 
 
 def moving_things(scene: Scene) -> np.ndarray:
-    """(N,) bool: what moves without what is cast."""
+    """Return the moving Gaussians (N,) bool that are not cast."""
     return scene.moving & (cast_of(scene) == 0)

@@ -61,14 +61,14 @@ class ChatServer:
 
     @classmethod
     def from_environment(cls, url: str | None = None, timeout: float = 120.0) -> ChatServer | None:
-        """The server at `url`, or the one that the environment names; None when neither does."""
+        """Return the server at `url`, or the one that the environment names; None where neither does."""
         url = url or os.environ.get(URL)
         if not url:
             return None
         return cls(url, os.environ.get(KEY, ""), os.environ.get(MODEL, "default"), timeout)
 
     def complete(self, messages: Sequence[dict[str, Any]], **more: Any) -> str:
-        """The text of the answer to `messages`; `more` goes into the request. ChatError says what the server did instead."""
+        """Return the text of the answer to `messages`; `more` goes into the request. ChatError reports another outcome."""
         body = json.dumps({"model": self.model, "messages": list(messages), **more}).encode()
         headers = {"Content-Type": "application/json"}
         if self.key:
@@ -121,7 +121,7 @@ def _complaint(error: urllib.error.HTTPError) -> str:
 
 
 def image_part(image: np.ndarray) -> dict[str, Any]:
-    """`image (H,W,3)` uint8 as one part of a message's content."""
+    """Return `image (H,W,3)` uint8 as one part of a message's content."""
     from PIL import Image
 
     data = BytesIO()

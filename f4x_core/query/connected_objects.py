@@ -39,7 +39,7 @@ INNER = (2, 98)
 
 
 def label_components(points: np.ndarray, reach: float) -> np.ndarray:
-    """(n,) int connected component of each of `points (n,3)`, numbered from 0: linked where their cells of width `reach` touch."""
+    """Return the component (n,) int of each of `points (n,3)`, from 0: linked where their cells of width `reach` touch."""
     reach = max(reach, float(np.ptp(points, axis=0).max()) / MAX_CELLS)
     cells, cell_of = np.unique(np.floor(points / reach).astype(np.int64), axis=0, return_inverse=True)
     span = cells.max(0) - (low := cells.min(0)) + 3  # a border of one cell, so that neighbours never wrap around
@@ -56,7 +56,7 @@ def label_components(points: np.ndarray, reach: float) -> np.ndarray:
 
 
 def connect(edges: np.ndarray, count: int) -> np.ndarray:
-    """(count,) int connected component of each of so many things, numbered from 0; `edges (2,E)` int join two."""
+    """Return the connected component (count,) int of each of `count` nodes, from 0; `edges (2,E)` int join two."""
     label = np.arange(count)
     a, b = edges
     while (label[a] != label[b]).any():  # each root hooks onto a smaller one beside it, then paths are cut short
@@ -98,7 +98,7 @@ def split_objects(
 
 
 def separate_objects(posed: PosedSplats, rows: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
-    """(n,) int from 0: the object of its kind that each of the Gaussians `rows (n,)` belongs to, for counting and turning.
+    """Return the object (n,) int, from 0, of its kind that each of the Gaussians `rows (n,)` belongs to, for counting and turning.
 
     As `split_objects`, but pieces of one thing that a reconstruction left apart count as one: those that are small beside the
     largest, and those whose boxes nearly touch.
@@ -174,7 +174,7 @@ def stand_to(
 
 
 def part_of(points: np.ndarray, side: str, share: float, camera: Camera) -> np.ndarray:
-    """(n,) bool: which of `points (n,3)` lie in the outer `share` of their extent towards `side`, as `camera` sees it."""
+    """Return (n,) bool: `points (n,3)` in the outer fraction `share` of their extent toward `side`, as `camera` sees it."""
     pixels, _ = camera.project(points.astype(np.float64))
     along = pixels[:, int(side in ("top", "bottom"))] * (1 if side in ("top", "left") else -1)
     low, high = np.percentile(along, INNER)
@@ -182,7 +182,7 @@ def part_of(points: np.ndarray, side: str, share: float, camera: Camera) -> np.n
 
 
 def centres_of(points: np.ndarray, owner: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(k,3) float64 weighted means of `points (n,3)` by `owner (n,)`."""
+    """Return the weighted means (k,3) float64 of `points (n,3)` by `owner (n,)`."""
     total = np.bincount(owner, weights)
     return np.stack([np.bincount(owner, weights * points[:, axis]) / total for axis in range(3)], 1)
 

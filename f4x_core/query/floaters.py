@@ -58,12 +58,12 @@ _SCORES: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
 def is_floaters(label: str) -> bool:
-    """True if `label` names floaters, which the shape of a scene tells and no vocabulary."""
+    """Return True if `label` names floaters, which the shape of a scene shows and no vocabulary."""
     return WORDS.fullmatch(" ".join(label.split())) is not None
 
 
 def floater_scores(scene: Scene) -> np.ndarray:
-    """(N,) float64 in [0, 1]: how much a Gaussian looks like a floater; copies are what their originals are. Cached."""
+    """Return the floater score (N,) float64 in [0, 1]; copies have that of their originals. Cached."""
     base = scene.base
     if base not in _SCORES:
         _SCORES[base] = _scores(base)
@@ -71,7 +71,7 @@ def floater_scores(scene: Scene) -> np.ndarray:
 
 
 def _scores(scene: Scene) -> np.ndarray:
-    """The least score of all moments at which a Gaussian is there: what one moment holds up is no floater."""
+    """Return the least score over the moments at which a Gaussian is present: one that is held up once is no floater."""
     moves = bool(len(scene.dynamic)) or scene.fades
     times = scene.cameras.times[evenly_spaced(len(scene.cameras), MOMENTS if moves else 1)]
     scores, present = np.ones(len(scene.ids)), np.zeros(len(scene.ids), bool)
@@ -89,13 +89,13 @@ def _scores(scene: Scene) -> np.ndarray:
 
 
 def _haze(longer: np.ndarray, opacities: np.ndarray) -> np.ndarray:
-    """(N,) score of what is much longer than its neighbours, and faint."""
+    """Return the score (N,) of faint Gaussians that are much longer than their neighbours."""
     large = 1 / (1 + np.exp2(-2 * (longer - LARGE)))
     return large * (1 - _half_at(opacities, FAINT, SHARPNESS))
 
 
 def support(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
-    """Surroundings of each of N Gaussians: (how much holds it up (N,), octaves (N,) by which it is longer than its neighbours).
+    """Return the support (N,) of each Gaussian by its neighbours, and the octaves (N,) by which it is longer than they are.
 
     A Gaussian is held up by the opacities of the neighbours that overlap it, each as far as it is held up itself: few that
     hold each other up alone fall together. Neighbours are those nearby on either of two space-filling curves; the curve on
@@ -127,7 +127,7 @@ class _Curve:
 
     @classmethod
     def through(cls, splats: Splats, shift: float, reach: float) -> _Curve:
-        """The curve through N >= 2 Gaussians, its cells shifted by a fraction of its length; `reach` as `REACH`."""
+        """Return the curve through N >= 2 Gaussians, its cells shifted by a fraction of its length; `reach` as `REACH`."""
         order = np.argsort(_along_curve(splats.means, shift), kind="stable")
         means, scales = splats.means[order].astype(np.float32), splats.scales[order]
         scales = np.maximum(scales, np.maximum(FLATTEST * scales.max(1, keepdims=True), 1e-12))
@@ -141,7 +141,7 @@ class _Curve:
         return cls(order, tuple(overlaps))
 
     def sums(self, weights: np.ndarray) -> np.ndarray:
-        """(N,) sum of the `weights (N,)` of the others, by how much they overlap."""
+        """Return the sum (N,) of the `weights (N,)` of the others, by their overlap."""
         along, found = weights[self.order], np.zeros(len(self.order))
         for step, overlap in enumerate(self.overlaps, 1):
             found[:-step] += overlap * along[step:]
@@ -149,7 +149,7 @@ class _Curve:
         return self._by_row(found)
 
     def means(self, values: np.ndarray) -> np.ndarray:
-        """(N,) mean of `values (N,)` over the neighbours, however little they overlap."""
+        """Return the mean (N,) of `values (N,)` over the neighbours, regardless of their overlap."""
         along, found, count = values[self.order], np.zeros(len(self.order)), np.zeros(len(self.order))
         for step in range(1, len(self.overlaps) + 1):
             for here, there in ((slice(None, -step), slice(step, None)), (slice(step, None), slice(None, -step))):
@@ -164,13 +164,13 @@ class _Curve:
 
 
 def _length_squared(whiten: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """|whiten way|^2 for (N,3,3) and (N,3)."""
+    """Return |whiten way|^2 for (N,3,3) and (N,3)."""
     turned = np.matmul(whiten, way[..., None])[..., 0]
     return np.einsum("ni,ni->n", turned, turned)
 
 
 def _along_curve(points: np.ndarray, shift: float) -> np.ndarray:
-    """(N,) uint64 place of each of `points (N,3)` on a Z curve, whose cells are shifted by a fraction of its whole length."""
+    """Return the place (N,) uint64 of `points (N,3)` on a Z curve whose cells are shifted by a fraction of its length."""
     low, high = np.percentile(points, BULK, axis=0)
     size = 2 * max(float((high - low).max()), 1e-12)
     unit = np.clip((points - low) / size + 0.25 + shift / 2, 0, 1 - 2.0**-BITS)
@@ -179,7 +179,7 @@ def _along_curve(points: np.ndarray, shift: float) -> np.ndarray:
 
 
 def _spread(value: np.ndarray) -> np.ndarray:
-    """`value` of BITS bits with two zeros between its bits."""
+    """Return `value` of BITS bits with two zeros between its bits."""
     for shift, mask in ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F),
                         (4, 0x10C30C30C30C30C3), (2, 0x1249249249249249)):  # fmt: skip
         value = (value | value << np.uint64(shift)) & np.uint64(mask)
@@ -187,7 +187,7 @@ def _spread(value: np.ndarray) -> np.ndarray:
 
 
 def _seen_fraction(scene: Scene, points: np.ndarray) -> np.ndarray:
-    """(N,) fraction of the clip's frames in whose picture each of `points (N,3)` lies."""
+    """Return the fraction (N,) of the clip's frames whose picture holds each of `points (N,3)`."""
     frames = evenly_spaced(len(scene.cameras), FRAMES)
     seen = np.zeros(len(points))
     for frame in frames:
@@ -198,5 +198,5 @@ def _seen_fraction(scene: Scene, points: np.ndarray) -> np.ndarray:
 
 
 def _half_at(value: np.ndarray, half: float, sharpness: float) -> np.ndarray:
-    """A score in [0, 1] that grows with `value` and is 0.5 at `half`."""
+    """Return a score in [0, 1] that grows with `value` and is 0.5 at `half`."""
     return 1 / (1 + (half / np.maximum(value, 1e-12)) ** sharpness)

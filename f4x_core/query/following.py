@@ -32,7 +32,7 @@ def follow_thing(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> np.ndarray:
-    """(N,) scores of the thing that the Gaussians `chosen (N,)` show on clip `frames`, found in all others by how it looks.
+    """Return scores (N,) of the thing that the Gaussians `chosen (N,)` show on clip `frames`, followed to all others by its look.
 
     Superpoints know well where a thing ends on the frame that was marked, and less well what becomes of it: a fast thing is
     made of Gaussians that come and go. `chosen` comes back where it stands, where the scene has no visual features, and where
@@ -63,7 +63,7 @@ def follow_masks(
     config: FollowConfig,
     progress: Progress = silent,
 ) -> np.ndarray:
-    """(N,) scores in [0, 1]: fractions of blend weights inside the `decoder`'s masks; of the unseen, their neighbours' mean.
+    """Return scores (N,) in [0, 1]: blend weights inside the `decoder`'s masks; their neighbours' mean for unseen ones.
 
     `prompted`: clip frame -> mask (H,W) of the frames that the decoder was prompted on. If these masks are clearly on moving or on
     static Gaussians, only those have scores.
@@ -101,7 +101,7 @@ def draw_views(scene: Scene, config: FollowConfig | None = None) -> None:
 
 
 def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
-    """The decoder that needs no model: nearest neighbours in the appearance of the scene (`views`).
+    """Return the decoder that needs no model: nearest neighbours in the appearance of the scene (`views`).
 
     Without `visual` features only what differs in colour, place, motion and depth is told apart.
     """
@@ -114,7 +114,7 @@ def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
 def _from_neighbours(
     scene: Scene, scores: np.ndarray, seen: np.ndarray, meant: np.ndarray, config: FollowConfig
 ) -> np.ndarray:
-    """Scores (N,), 0 but for those `meant (N,)`, of whom those that no lifted frame sees get the mean of their like.
+    """Return scores (N,), 0 except for `meant (N,)`, of which those that no lifted frame sees get the mean of similar ones.
 
     That is of the nearest `seen (N,)` ones that move or stand as they do, in colour and in place on the first frame.
     """

@@ -51,7 +51,7 @@ class View:
 def select_by_gesture(
     scene: Scene, view: View, shape: Shape, *, through: bool = False, backend: str = "auto"
 ) -> Selection:
-    """Gaussians in a shape that is drawn over a view of a scene, moving ones where they are at the view's time.
+    """Select the Gaussians in a shape drawn over a view of a scene, moving ones where they are at the view's time.
 
     `through`: all whose centres lie in the shape, however deep. Otherwise those that are seen (`SEEN`); their scores are the
     fractions of what is seen of them that lies in the shape. Neither deleted nor hidden Gaussians are selected.
@@ -66,7 +66,7 @@ def select_by_gesture(
 
 
 def select_by_sphere(scene: Scene, view: View, centre: Sequence[float], radius: float) -> Selection:
-    """Gaussians whose centres lie within `radius` of `centre (3,)`, in the world, at the view's time; F4xError without a radius."""
+    """Select the Gaussians within `radius` of `centre (3,)`, in the world, at the view's time; F4xError without a radius."""
     if radius <= 0:
         raise F4xError("A sphere needs a radius above 0.")
     away: np.ndarray = _in_world(scene, view).means - np.asarray(centre, np.float64)
@@ -83,12 +83,12 @@ class _Covered(Mark):
     exact: bool = False
 
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
-        """(H,W) bool."""
+        """Return the covered pixels (H,W) bool."""
         return self.covered
 
 
 def select_thing(scene: Scene, found: Selection, frame: int, *, around: bool) -> Selection:
-    """The thing that a gesture's Gaussians `found` show: evidence as of marks on the clip's frame (`prompts.select_by_evidence`).
+    """Select the thing that a gesture's Gaussians `found` show, as marks on the clip's frame (`prompts.select_by_evidence`).
 
     `around`: the gesture went around the thing; else it was drawn on it. F4xError where the clip's camera does not see them.
     """
@@ -108,7 +108,7 @@ def _in_world(scene: Scene, view: View) -> Cloud:
 
 
 def _seen_inside(cloud: Cloud, view: View, shape: Shape, backend: str) -> np.ndarray:
-    """(N,) fractions in [0, 1] of what the view shows of each Gaussian that lie in the shape; 0 for what is hardly seen."""
+    """Return the fraction (N,) of what the view shows of each Gaussian that lies in the shape; 0 where hardly any is seen."""
     scale = min(1.0, COLUMNS / view.camera.width)
     size = (max(1, round(view.camera.width * scale)), max(1, round(view.camera.height * scale)))
     camera = view.camera.resized(*size)

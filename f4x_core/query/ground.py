@@ -61,24 +61,24 @@ class Plane:
     distance: float
 
     def height(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance (n,) of `points (n,3)` above the plane."""
+        """Return the signed distance (n,) of `points (n,3)` above the plane."""
         return points @ self.normal - self.distance
 
 
 def up_of(cameras: CameraPath) -> np.ndarray:
-    """(3,) unit vector: the mean of up in the pictures, which are taken for upright."""
+    """Return the mean up direction (3,) of the pictures, which are taken for upright."""
     down = cameras.mean_down
     return -down if np.linalg.norm(down) > 0.5 else -cameras.world_to_camera[0, 1, :3]  # 0 where they cancel out
 
 
 def leaning(cameras: CameraPath, floor: Plane) -> float:
-    """Degrees by which a floor leans sideways in the clip's pictures: people hold cameras upright, but streets slope."""
+    """Return the degrees by which a floor leans sideways in the pictures: people hold cameras upright, but streets slope."""
     right, up = cameras.world_to_camera[:, 0, :3].mean(0), up_of(cameras)
     return abs(float(np.degrees(np.arctan2(floor.normal @ right, floor.normal @ up))))
 
 
 def plane_through(points: np.ndarray, above: np.ndarray) -> Plane:
-    """The plane through three `points (3,3)`, its normal towards the point `above (3,)`. F4xError if they are on a line."""
+    """Return the plane through `points (3,3)`, its normal toward the point `above (3,)`. F4xError if they are on a line."""
     a, b, c = np.asarray(points, np.float64)
     normal = np.cross(b - a, c - a)
     sides = float(np.linalg.norm(b - a) * np.linalg.norm(c - a))
@@ -90,7 +90,7 @@ def plane_through(points: np.ndarray, above: np.ndarray) -> Plane:
 
 
 def find_ground(scene: Scene) -> Plane:
-    """The floor, its normal up: a plane that many Gaussians lie in and few below, not tilted beyond `TILT`.
+    """Return the floor, its normal up: a plane that many Gaussians lie in and few below, not tilted beyond `TILT`.
 
     Raises F4xError where there is none.
     """
@@ -167,7 +167,7 @@ def _refined(plane: Plane, points: np.ndarray, area: np.ndarray, tolerance: floa
 
 
 def _surface(scene: Scene) -> tuple[np.ndarray, np.ndarray, float]:
-    """(points (n,3), weight (n,), size) of the solid static Gaussians; F4xError where there are none.
+    """Return (points (n,3), weight (n,), size) of the solid static Gaussians; F4xError where there are none.
 
     The weight is the area by the square of the distance from the cameras: a far backdrop counts as it is seen. The size is
     the distance within which half of that lies.

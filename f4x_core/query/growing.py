@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..features.models.prompt import Prompt
+from .decoder_prompt import Prompt
 from .score import logistic
 
 BOND = 0.05
@@ -27,7 +27,7 @@ VOTERS, ROUNDS = 5, 3
 
 
 def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int], contrast: float = 1.0) -> np.ndarray:
-    """Fraction of the object (h,w) float32 in unit features (h,w,C) from points and a box on a picture of `size (H,W)`.
+    """Return the fraction of the object (h,w) float32 in unit features (h,w,C), from points and a box on a picture of `size (H,W)`.
 
     Positive points spread to the region with the best outline around them (`local_cluster`); a box alone starts with the cells
     least like its outside. `ROUNDS` times, cells then compare themselves to the object so far and to the rest (`random_walk`);
@@ -66,7 +66,7 @@ def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int], contra
 
 
 def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray, contrast: float = 1.0) -> np.ndarray:
-    """(h,w) bool: the region around `seeds` whose bonds across its outline are fewest for its bonds (least conductance).
+    """Return the region (h,w) bool around `seeds` with the fewest bonds across its outline for its bonds (least conductance).
 
     Personalised PageRank on the graph of bonds `exp((cosine - 1) / (contrast BOND))` orders the cells, a sweep over that order
     finds the cut (Andersen, Chung and Lang 2006). Nothing outside `possible` is reached.
@@ -112,7 +112,7 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray, co
 
 
 def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray, contrast: float = 1.0) -> np.ndarray:
-    """Fraction of the object (h,w) float32: a random walker with priors (Grady 2005) between 4-neighbours of (h,w,C).
+    """Return the fraction of the object (h,w) float32: a random walker with priors (Grady 2005) between 4-neighbours of (h,w,C).
 
     `argmin sum w (x_i - x_j)^2 + PRIOR sum (x_i - prior_i)^2`, `w = exp((cosine - 1) / (contrast EDGE))`, by conjugate
     gradients; x is `fixed` where that is not NaN.
@@ -160,7 +160,7 @@ def walk_with_prior(
 
 
 def _likeness(alike: np.ndarray, kind: np.ndarray) -> np.ndarray:
-    """(h,w): mean cosine of each cell to the `VOTERS` cells of `kind (h,w) bool` most alike; 1 where that is the cell alone.
+    """Return the mean cosine (h,w) of each cell to the `VOTERS` most similar cells of `kind (h,w) bool`; 1 where it is alone.
 
     A cell is no voter on itself: `alike (n,n)` has -inf there.
     """
@@ -173,7 +173,7 @@ def _likeness(alike: np.ndarray, kind: np.ndarray) -> np.ndarray:
 
 
 def _inside(box: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(h,w) bool: cells whose centre is in `box` (left, top, right, bottom in cells); at least the one in its middle."""
+    """Return the cells (h,w) bool whose centre is in `box` (left, top, right, bottom in cells); at least the one in its middle."""
     left, top, right, bottom = box
     rows, columns = np.arange(height) + 0.5, np.arange(width) + 0.5
     inside = ((rows >= top) & (rows <= bottom))[:, None] & ((columns >= left) & (columns <= right))

@@ -42,12 +42,12 @@ offered for 38 words, with five of the everyday words there, 89 % were a kind of
 
 
 def labels_of(scene: Scene) -> list[str]:
-    """The words that the scene knows: those for its people, and those of its vocabulary."""
+    """Return the words that the scene knows: those for its people, and those of its vocabulary."""
     return list(dict.fromkeys([*labels_of_people(scene), *vocabulary_of(scene)]))
 
 
 def vocabulary_of(scene: Scene) -> list[str]:
-    """The words of the scene's vocabulary; none where no teacher has taught it any."""
+    """Return the words of the scene's vocabulary; none where no teacher has taught it any."""
     if scene.features is None or not any(head.spec.text_encoder for head in scene.features.heads):
         return []
     known = scene.features.vocabularies.get(text_head(scene).spec.text_encoder or "")
@@ -78,7 +78,7 @@ def select_word(
     encode: Encode | None = None,
     span: tuple[float, float] | None = None,
 ) -> Selection:
-    """`select_by_text` of one label; of a compound those that are the kind of thing it says, too: a dog house is a house.
+    """Select by one label; a compound must also be of the kind that it names: a dog house is a house.
 
     Raises F4xError besides: a word that the vocabulary lacks and whose last part names something else ("hot dog").
     """
@@ -96,7 +96,7 @@ def select_word(
 
 
 def things_there(scene: Scene) -> dict[str, Selection]:
-    """Words of the vocabulary that select somebody, with whom they select, most first; of words for one thing the likeliest.
+    """Return the vocabulary's words that select something with their selections, most first; the likeliest word for one thing.
 
     Words that few Gaussians answer to more than to any other are not asked.
     """
@@ -145,7 +145,7 @@ def is_doubtful(scene: Scene, selection: Selection) -> bool:
 
 
 def words_there(scene: Scene) -> tuple[list[str], bool]:
-    """(words to offer, whether they are sure): those of `things_there` that are not doubtful, or where all are, all.
+    """Return (words to offer, True if they are sure): those of `things_there` that are not doubtful; where all are, all.
 
     Behind each stands the likeliest word for a kind of it that is accepted: a teacher that knows birds best still knows a swan.
     """
@@ -156,7 +156,7 @@ def words_there(scene: Scene) -> tuple[list[str], bool]:
 
 
 def _narrower(scene: Scene, label: str, selection: Selection) -> list[str]:
-    """The word of the vocabulary for a kind of `label` that has most evidence in `selection`, if it selects the same; else none."""
+    """Return the word for a kind of `label` with most evidence in `selection`, if it selects the same; else none."""
     kinds = [word for word in vocabulary_of(scene) if word != label and label in kinds_of(word)]
     null = null_vector(text_head(scene).spec.text_encoder or "") if kinds else None
     if null is None or needs_no_teacher(scene, label):
@@ -171,7 +171,7 @@ def _narrower(scene: Scene, label: str, selection: Selection) -> list[str]:
 
 
 def instead(scene: Scene, words: Sequence[str], encode: Encode | None = None) -> tuple[list[str], str]:
-    """(labels, how a sentence about `words` that select nothing names them); no labels and "" where nothing answers to any.
+    """Return (labels near `words` that select nothing, the part of a sentence that names them); none and "" where nothing is near.
 
     Up to `MAX_SUGGESTIONS`: those near the words, by `nearest_labels` of what the scene surely shows, else what it shows at all. A
     word that has no vector here is near those alone that are spelt like it, there or not.
@@ -189,7 +189,7 @@ def instead(scene: Scene, words: Sequence[str], encode: Encode | None = None) ->
 def nearest_labels(
     scene: Scene, words: Sequence[str], labels: Sequence[str], encode: Encode | None = None
 ) -> list[str]:
-    """Those of `labels` that are spelt like one of `words`, then those near one in meaning, the nearest first.
+    """Return those of `labels` that are spelt like one of `words`, then those near one in meaning, the nearest first.
 
     Near is a cosine that stands out from the word's cosines with the whole vocabulary by `NEAR`, whatever the text encoder.
     """
@@ -204,5 +204,5 @@ def nearest_labels(
 
 
 def spelt_like(words: Sequence[str], labels: Sequence[str]) -> list[str]:
-    """The labels that `words` are probably slips of the fingers for."""
+    """Return the labels that `words` probably misspell."""
     return list(dict.fromkeys(meant for word in words if (meant := misspelt(word, labels))))

@@ -27,7 +27,7 @@ class Kept(Generic[T]):
         self._kept: WeakKeyDictionary[Any, tuple[list[ref], T]] = WeakKeyDictionary()
 
     def get(self, first: Any, *others: Any, make: Callable[[], T]) -> T:
-        """The result for these very objects, which `make` makes where it is not known; of the others some may be None."""
+        """Return the result for exactly these objects, of which others may be None; `make` makes it where it is not known."""
         present = [_NOTHING if other is None else other for other in others]
         known = self._kept.get(first)
         if known is None or any(other is not there() for other, there in zip(present, known[0], strict=True)):

@@ -13,7 +13,7 @@ from ..language.lexicon import spellings
 from ..scene import Scene
 from ..scene.people import people_of
 from .calibration import evidence
-from .cast import SURFACES, needs_no_teacher, untaught_words
+from .cast import SURFACES, needs_no_teacher, with_untaught
 from .inventory import PERSON, instead, labels_of
 from .labels import Encode, ask_for, text_head
 from .people import each_person, names_people
@@ -32,8 +32,7 @@ def known_words(scene: Scene) -> list[str]:
     """Return the words that are looked for in a scene: those that its teacher knows, those for its people and for each of them,
     and, where there are any, for `cast.SURFACES`."""
     unknown = unknown_kinds(scene)
-    words = [*labels_of(scene), *each_person(scene, PERSON)]
-    words += untaught_words(scene, SURFACES) if words else []
+    words = with_untaught(scene, [*labels_of(scene), *each_person(scene, PERSON)], SURFACES)
     return [label for label in dict.fromkeys(words) if label not in unknown]
 
 

@@ -39,7 +39,7 @@ class TextQuery:
 
 
 def words_of(text: str) -> list[str]:
-    """Labels of a list with commas, without doubles; F4xError when there is none."""
+    """Return the labels of a list with commas, without doubles; F4xError where there is none."""
     words = list(dict.fromkeys(word for part in text.split(",") if (word := " ".join(part.split()))))
     if not words:
         raise F4xError("The query names no label; give at least one word, for example --text swan.")
@@ -53,7 +53,7 @@ def ask_for(
     head: str | None = None,
     encode: Encode | None = None,
 ) -> TextQuery:
-    """The query for `labels`, weighed against `negatives` (`BACKGROUND` when None), in the head `head`.
+    """Return the query for `labels`, weighed against `negatives` (`BACKGROUND` when None), in the head `head`.
 
     By default the first head whose spec names a text encoder. Vectors come from the scene's vocabulary (see `spellings`);
     labels that it lacks from `encode`. Raises F4xError: a scene without field or without such a head, a label that nobody knows.
@@ -92,7 +92,7 @@ def ask_for(
 
 
 def text_head(scene: Scene, name: str | None = None) -> FieldHead:
-    """The head `name`, or the first that understands words; F4xError when there is none."""
+    """Return the head `name`, or the first that understands words; F4xError where there is none."""
     heads = [scene.require_field().head(name)] if name else list(scene.require_field().heads)
     for head in heads:
         if head.spec.text_encoder is not None:
@@ -110,7 +110,7 @@ def no_teacher_knows(scene: Scene, label: str) -> bool:
 
 
 def encode_labels(encoder: str, labels: list[str]) -> np.ndarray:
-    """(L,dim) unit vectors from the text encoder of that name; F4xError where it is not installed. An `Encode`."""
+    """Return unit vectors (L,dim) from the text encoder of that name; F4xError where it is not installed. An `Encode`."""
     return _encoder(encoder).encode(labels)
 
 
@@ -123,7 +123,7 @@ def _encoder(name: str) -> TextEncoder:
 
 
 def unknown_label(scene: Scene, label: str, known: Sequence[str], encoder: str) -> str:
-    """The sentence about a label that the vocabulary lacks."""
+    """Return the sentence about a label that the vocabulary lacks."""
     meant = misspelt(label, known)
     hint = f"; near it is {meant}" if meant else ""
     return (

@@ -25,7 +25,7 @@ def leakage(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> float:
-    """Fraction, 0..1, of the selection's blend weights outside `masks` (clip frame -> (H,W) bool); 0 where nothing is chosen.
+    """Return the fraction of the selection's blend weights outside `masks` (clip frame -> (H,W) bool); 0 where it is empty.
 
     Without masks: outside the largest connected region of the selection's own picture, in `VIEWS` views. Frames outside the
     selection's span do not count.
@@ -44,7 +44,7 @@ def leakage(
 
 
 def largest_region(mask: np.ndarray) -> np.ndarray:
-    """(H,W) bool: the largest connected region of `mask (H,W)`, all False where it is empty."""
+    """Return the largest connected region (H,W) bool of `mask (H,W)`, all False where it is empty."""
     if not mask.any():
         return mask
     regions = connected_regions(mask.astype(int))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import F4xError
-from ..features.models.prompt import Prompt, check_frame
+from .decoder_prompt import Prompt, check_frame
 from .shapes import Polygon, Rectangle, Shape, Stroke
 
 DOT = 0.006
@@ -31,7 +31,7 @@ class Mark:
     """Most of what is marked belongs to the thing, not only some of it."""
 
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
-        """(H,W) bool: the marked pixels of a picture of `size` (H, W). F4xError: none is marked."""
+        """Return the marked pixels (H,W) bool of a picture of `size` (H, W). F4xError: none is marked."""
         raise NotImplementedError
 
 
@@ -43,7 +43,7 @@ class Point(Mark):
     """x, y in pixels."""
 
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
-        """(H,W) bool: a dot. F4xError: a point outside the picture."""
+        """Return a dot (H,W) bool. F4xError: a point outside the picture."""
         x, y = np.asarray(self.at, float).reshape(2)
         if not (0 <= x < size[1] and 0 <= y < size[0]):
             raise F4xError(f"Point ({x:g}, {y:g}) lies outside the picture of {size[1]} x {size[0]} pixels.")
@@ -59,7 +59,7 @@ class Box(Mark):
     around = True
 
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
-        """(H,W) bool: the inside. F4xError: corners in another order, or a box outside the picture."""
+        """Return the inside (H,W) bool. F4xError: corners in another order, or a box outside the picture."""
         corners = np.asarray(self.corners, float).reshape(-1)
         if corners.shape != (4,) or not (corners[:2] < corners[2:]).all():
             raise F4xError(
@@ -80,7 +80,7 @@ class Brush(Mark):
     exact = True
 
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
-        """(H,W) bool: what the stroke covers. F4xError: no path, or one outside the picture."""
+        """Return the pixels (H,W) bool that the stroke covers. F4xError: no path, or one outside the picture."""
         path = _path(self.path, 1, "A brush stroke")
         stroke = Stroke(path.tolist(), max(1.0, DOT * size[1], float(self.radius)))
         return _some(_marked(stroke, size), "The brush stroke", size)
@@ -95,7 +95,7 @@ class Lasso(Mark):
     around = True
 
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
-        """(H,W) bool: the inside. F4xError: fewer than three corners, or a line outside the picture."""
+        """Return the inside (H,W) bool. F4xError: fewer than three corners, or a line outside the picture."""
         outline = Polygon(_path(self.outline, 3, "A lasso").tolist())
         return _some(_marked(outline, size), "The lasso", size)
 
@@ -110,7 +110,7 @@ class Mask(Mark):
     exact = True
 
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
-        """(H,W) bool: the mask. F4xError: another size, or an empty one."""
+        """Return the mask (H,W) bool. F4xError: another size, or an empty one."""
         mask = np.asarray(self.mask) > 0
         if mask.shape != size:
             raise F4xError(f"The mask has shape {mask.shape}, the pictures are {size[0]} rows x {size[1]} columns.")
@@ -120,7 +120,7 @@ class Mask(Mark):
 
 
 def check_marks(marks: Iterable[Mark], frames: int) -> list[Mark]:
-    """`marks` as a list; F4xError where none says where the thing is, or one lies outside the clip of so many `frames`."""
+    """Return `marks` as a list; F4xError where none is on the thing, or one lies outside the clip of so many `frames`."""
     found = list(marks)
     for mark in found:
         check_frame(mark.frame, frames)
@@ -130,7 +130,7 @@ def check_marks(marks: Iterable[Mark], frames: int) -> list[Mark]:
 
 
 def marks_of(frame: int, prompt: Prompt) -> list[Mark]:
-    """The marks of a decoder's prompt on clip frame `frame`."""
+    """Return the marks of a decoder's prompt on clip frame `frame`."""
     marks: list[Mark] = [Point(frame, bool(on), at) for at, on in zip(prompt.points, prompt.labels, strict=True)]
     if prompt.box is not None:
         marks.append(Box(frame, True, prompt.box))
@@ -140,7 +140,7 @@ def marks_of(frame: int, prompt: Prompt) -> list[Mark]:
 
 
 def _path(points: ArrayLike, least: int, what: str) -> np.ndarray:
-    """(n,2) float64; F4xError for fewer than `least` points or numbers that are none."""
+    """Return `points` as (n,2) float64; F4xError for fewer than `least` points or numbers that are not finite."""
     path = np.asarray(points, float)
     if path.ndim != 2 or path.shape[1] != 2 or len(path) < least or not np.isfinite(path).all():
         raise F4xError(f"{what} is at least {least} points x, y in pixels; got an array of shape {path.shape}.")
@@ -148,13 +148,13 @@ def _path(points: ArrayLike, least: int, what: str) -> np.ndarray:
 
 
 def _some(pixels: np.ndarray, what: str, size: tuple[int, int]) -> np.ndarray:
-    """`pixels`; F4xError where none is marked."""
+    """Return `pixels`; F4xError where none is marked."""
     if not pixels.any():
         raise F4xError(f"{what} marks no pixel of the picture of {size[1]} x {size[0]} pixels.")
     return pixels
 
 
 def _marked(shape: Shape, size: tuple[int, int]) -> np.ndarray:
-    """(H,W) bool: pixels whose centre lies in the shape."""
+    """Return the pixels (H,W) bool whose centre lies in the shape."""
     rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
     return shape.contains(np.stack([columns.ravel(), rows.ravel()], 1)).reshape(size)

@@ -67,7 +67,7 @@ class Measured:
 def measure(
     scene: Scene, found: Mapping[str, Selection], times: np.ndarray, named: Sequence[str] = ()
 ) -> list[Measured]:
-    """The things `found` that have Gaussians, at clip `times (K,)`; those in `named` take no article."""
+    """Measure the things `found` that have Gaussians at clip `times (K,)`; those in `named` take no article."""
     posed = [scene.posed(float(time)) for time in times]
     cameras = [scene.cameras.at(float(time)) for time in times]
     measured = []
@@ -87,7 +87,7 @@ def measure(
 
 
 def single_ones(scene: Scene, kind: Measured, times: np.ndarray) -> list[Measured]:
-    """The separate things that `kind` consists of, from left to right; none where it is one."""
+    """Return the separate things that `kind` consists of, from left to right; none where it is one."""
     posed, camera = scene.posed(float(times[0])), scene.cameras.at(float(times[0]))
     owner, stray = split_objects(posed, kind.rows, single_people(scene, kind.rows))
     parts = [kind.rows[(owner == n) & ~stray] for n in range(int(owner.max()) + 1)]
@@ -103,7 +103,7 @@ def single_ones(scene: Scene, kind: Measured, times: np.ndarray) -> list[Measure
 
 
 def times_of(scene: Scene, asked: Asked) -> np.ndarray:
-    """(K,) clip times that a question is about."""
+    """Return the clip times (K,) that a question is about."""
     first, last = asked.span or (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
     return np.unique(np.linspace(first, last, int(min(MAX_TIMES, 1 + round(last - first)))))
 
@@ -112,11 +112,11 @@ class Comparison:
     """The things of a question, measured, and the sentences about them."""
 
     def __init__(self, scene: Scene, asked: Asked, things: list[Measured], times: np.ndarray):
-        """`things`: those that were asked about, else all there are."""
+        """Compare `things`: those that were asked about, else all there are."""
         self.scene, self.asked, self.things, self.times = scene, asked, things, times
 
     def sentence(self, everything: Callable[[], list[Measured]]) -> str:
-        """The answer; `everything`: what else there is."""
+        """Return the answer; `everything` returns the other things of the scene."""
         kind = self.asked.kind
         if kind == "what_is":
             return self._words(everything())
@@ -140,7 +140,7 @@ class Comparison:
         return f"at frame {self.times[k]:.0f} ({self.times[k] / self.scene.fps:.1f} s)"
 
     def _apart(self) -> tuple[np.ndarray, str]:
-        """((K,) world units between the two things, or from the camera; what that is)."""
+        """Return the distance (K,) in world units of the two things, or of one from the camera, and the subject of the sentence."""
         if len(self.things) > 1:
             one, two = self.things[:2]
             return np.linalg.norm(one.centres - two.centres, axis=1), f"{one.name} and {two.name} are"
@@ -163,7 +163,7 @@ class Comparison:
         return f"{what} {which} {preposition} {whom} {self._at(k)}: {apart[k]:.2f} times the median depth."
 
     def _speeds(self, number: int = 0) -> np.ndarray:
-        """(K,) world units a second of a thing; F4xError for a single moment."""
+        """Return the speed (K,) of a thing in world units a second; F4xError for a single moment."""
         if len(self.times) < 2:
             raise F4xError("Speed needs more than one moment; ask about a span of time.")
         return np.linalg.norm(np.gradient(self.things[number].centres, self.times, axis=0), axis=1) * self.scene.fps
@@ -193,7 +193,7 @@ class Comparison:
         return _polar(self.asked.yes(nearer != away), sentence)
 
     def _path(self) -> str:
-        """Where the thing is in the picture at the beginning, in between and at the end."""
+        """Return the sentence about the thing's places in the picture: first, in between and last."""
         one, camera = self.things[0], self.scene.cameras.at(float(self.times[0]))
         places = [
             f"{x / camera.width:.0%} from the left, {y / camera.height:.0%} from the top {self._at(k)}"
@@ -203,7 +203,7 @@ class Comparison:
         return f"{one.name} goes: {'; then '.join(places)}."
 
     def _turns(self) -> str:
-        """When the way in the picture changes most."""
+        """Return the sentence about the moment at which the thing's direction changes most."""
         one = self.things[0]
         if len(self.times) < 3 or not self._is_moving(one):
             return f"{one.name} does not move, so it does not turn."
@@ -237,7 +237,7 @@ class Comparison:
         return f"{name} is the {self.asked.manner or 'brightest'} thing, {light[name]:.0%} of white."
 
     def _rise(self) -> str:
-        """How far a thing rises and when; of a jump, which ends lower again, too, if it is one."""
+        """Return the sentence about the height and the moment of a rise; a jump comes down again."""
         one = self.things[0]
         height = one.centres @ up_of(self.scene.cameras)
         before, after = np.minimum.accumulate(height), np.minimum.accumulate(height[::-1])[::-1]
@@ -305,7 +305,7 @@ class Comparison:
         return _polar(self.asked.yes(so), f"{one.name} is {names[0] if before else names[1]} {two.name} {self._at(0)}.")
 
     def _nearest_of_many(self, kind: str) -> str:
-        """The one of a kind that is nearest to, or farthest from, the last thing."""
+        """Return the sentence about the one of a kind that is nearest to, or farthest from, the last thing."""
         *many, to = self.things
         apart = {one.name: float(np.linalg.norm(one.centres[0] - to.centres[0])) for one in many}
         name = (min if kind == "nearest" else max)(apart, key=lambda each: apart[each])
@@ -347,7 +347,7 @@ class Comparison:
         return " ".join(f"{what}{whom} {', '.join(names) or 'nothing that the scene has a word for'}.".split())
 
     def _words(self, everything: list[Measured]) -> str:
-        """The words that the scene has for most of a thing."""
+        """Return the sentence about the scene's words for most of a thing."""
         one = self.things[0]
         fractions = {each.name: float(np.isin(one.rows, each.rows).mean()) for each in everything}
         ranked = sorted(fractions.items(), key=lambda item: -item[1])
@@ -420,7 +420,7 @@ class Comparison:
         return _polar(self.asked.yes(True), f"{self.things[0].name} stands still {self._at(int(still[0]))}.")
 
     def _starts(self) -> str:
-        """The order in which things start to move."""
+        """Return the sentence about the order in which things start to move."""
         if len(self.times) < 2:
             raise F4xError("Who starts first needs more than one moment; ask about a span of time.")
         first = [

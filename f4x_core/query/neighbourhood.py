@@ -18,7 +18,7 @@ SOLID = 0.5
 
 
 def grow_selection(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
-    """(N,) bool: `chosen (N,)` and the `points (N,3)` within `reach` of one of them, measured in cells of `reach / FINE`."""
+    """Return `chosen (N,)` and the `points (N,3)` within `reach` of one, (N,) bool, measured in cells of `reach / FINE`."""
     if not chosen.any():
         return chosen.copy()
     width = max(reach / FINE, float(np.ptp(points, axis=0).max()) / MAX_CELLS, 1e-9)
@@ -39,12 +39,12 @@ def grow_selection(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.n
 
 
 def shrink_selection(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
-    """(N,) bool: `chosen (N,)` without those within `reach` of a point that is not chosen."""
+    """Return `chosen (N,)` bool without those within `reach` of a point that is not chosen."""
     return ~grow_selection(points, ~chosen, reach)
 
 
 def meeting(posed: PosedSplats, origin: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
-    """(3,) world: where the ray from `origin (3,)` along `direction (3,)` meets a surface of `posed`; None where it meets none.
+    """Return the place (3,) where the ray from `origin (3,)` along `direction (3,)` meets a surface of `posed`; None without one.
 
     A Gaussian takes from the ray what its density is where the ray comes nearest to its centre, in its own metric.
     """

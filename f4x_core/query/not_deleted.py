@@ -16,8 +16,10 @@ _NOT_DELETED: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
 def not_deleted(scene: Scene) -> np.ndarray:
-    """(N,) bool over `scene.posed`: Gaussians whose opacity is above 0 at some moment of the clip, also one that retiming edits
-    do not show. Cached for the scene's lifetime."""
+    """Return the Gaussians (N,) bool of `scene.posed` whose opacity is above 0 at some moment, even one that retiming hides.
+
+    Cached for the scene's lifetime.
+    """
     if scene.base is scene:
         return np.ones(len(scene.ids), bool)  # before edits nothing is deleted
     if scene.untimed is not scene:
@@ -32,7 +34,7 @@ def not_deleted(scene: Scene) -> np.ndarray:
 
 
 def _seen_at(scene: Scene, times: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """`visible (N,)` and what has opacity at one of `times`; stops where nothing is left to be seen."""
+    """Return `visible (N,)` with those that have opacity at one of `times`; it stops where nothing is left to be seen."""
     for time in times:
         if (visible | scene.gone).all():
             break
@@ -41,7 +43,7 @@ def _seen_at(scene: Scene, times: np.ndarray, visible: np.ndarray) -> np.ndarray
 
 
 def _lively_moments(scene: Scene, rows: np.ndarray) -> np.ndarray:
-    """The fewest times at which each Gaussian of `rows (N,)` is fully present, early in its life and late."""
+    """Return the fewest times at which each Gaussian of `rows (N,)` is fully present, early in its life and late."""
     parts = (scene.base.static, scene.base.dynamic)
     spans = [np.full((len(part), 4), np.inf) * (-1, -1, 1, 1) if part.span is None else part.span for part in parts]
     clip = scene.cameras.times[0], scene.cameras.times[-1]
@@ -50,7 +52,7 @@ def _lively_moments(scene: Scene, rows: np.ndarray) -> np.ndarray:
 
 
 def _within_each(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The fewest numbers so that each interval from `start (n,)` to `end (n,)` holds one: ends of some of them."""
+    """Return the fewest numbers so that each interval from `start (n,)` to `end (n,)` holds one: ends of some of them."""
     found: list[float] = []
     for i in np.argsort(end):
         if not found or start[i] > found[-1]:

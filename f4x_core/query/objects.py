@@ -76,21 +76,21 @@ class Superpoints:
     """(P,) int64: superpoints of different movers are apart most of the time (`movers`); None: all are one mover."""
 
     def gather(self, weights: np.ndarray) -> np.ndarray:
-        """(P,): sums over superpoints of the blend `weights (N,)` of all Gaussians of the scene."""
+        """Return the sums (P,) over superpoints of the blend `weights (N,)` of all Gaussians of the scene."""
         return np.bincount(self.index, weights[self.rows], len(self.weight))
 
     def spread(self, values: np.ndarray, count: int) -> np.ndarray:
-        """(N,) float64: `values (P,)` given to the Gaussians of the superpoints; 0 for others."""
+        """Return `values (P,)` of the superpoints at their Gaussians, (N,) float64; 0 for others."""
         result = np.zeros(count)
         result[self.rows] = values[self.index]
         return result
 
     def means(self, values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(P,): means of `values (N,)` over the Gaussians of each superpoint, weighted by `weights (N,)`."""
+        """Return the means (P,) of `values (N,)` over the Gaussians of each superpoint, weighted by `weights (N,)`."""
         return self.gather(values * weights) / np.maximum(self.gather(weights), 1e-12)
 
     def apart(self, marked: np.ndarray) -> np.ndarray:
-        """(P,) bool: superpoints of other pieces and movers than those with most of the blend weights `marked (P,)`."""
+        """Return the superpoints (P,) bool of other pieces and movers than those with most of the blend weights `marked (P,)`."""
         other = np.zeros(len(marked), bool)
         if self.piece is not None and len(self.piece):
             other |= self.piece != np.bincount(self.piece, marked).argmax()
@@ -100,7 +100,7 @@ class Superpoints:
         return other
 
     def held_movers(self, inside: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) bool each: movers of which most of what is `seen (P,)` is `inside (P,)`, and the others; none where there is one."""
+        """Return two (P,) bool: movers of which most of what is `seen (P,)` is `inside (P,)`, and the others; empty for one."""
         none = np.zeros(len(seen), bool)
         if self.mover is None or not (self.mover > 0).any():
             return none, none
@@ -110,7 +110,7 @@ class Superpoints:
         return held & known, ~held & known
 
     def left_over(self, thing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) bool each, outside `thing (P,)` bool: what is cast or a small piece that touches it; other things."""
+        """Return two (P,) bool outside `thing (P,)` bool: what is cast or a small piece that touches it; other things."""
         limits, rest = self.config.thing, ~thing & ~self.cast
         one, two = np.nonzero(self.near)
         together = rest[one] & rest[two]
@@ -123,7 +123,7 @@ class Superpoints:
         return ~thing & self.cast | rest & edge[component], rest & other[component]
 
     def with_edges(self, thing: np.ndarray, refused: np.ndarray, count: int) -> np.ndarray:
-        """(N,) float64: 1 for the Gaussians of `thing (P,)` bool and for those of shadows and loose edges at it that stand out.
+        """Return (N,) float64: 1 for `thing (P,)` bool and for shadows and loose edges at it that stand out.
 
         Never those of `refused (P,)` bool. `count`: N.
         """
@@ -139,7 +139,7 @@ class Superpoints:
     def grow(
         self, marked: np.ndarray, against: np.ndarray, doubt: np.ndarray | None = None, filled: float = 0.0
     ) -> np.ndarray:
-        """(P,) bool: the thing that a random walk from the blend weights `marked (P,)` finds; never `against (P,)` bool.
+        """Return the thing (P,) bool that a random walk from the blend weights `marked (P,)` finds; never `against (P,)` bool.
 
         What is cast on the background is no part of it, unless most of what is marked is cast: then that alone is found.
         `doubt (P,)` in [0, 1]: other evidence that a superpoint is none of it; it counts like blending in. `filled`: least fraction
@@ -177,7 +177,7 @@ class Superpoints:
 def point_out(
     scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = None, config: SelectConfig = SELECT
 ) -> np.ndarray | None:
-    """(N,) float64: 1 for the Gaussians of the thing that `marks` show (see `marks.Mark`), else 0.
+    """Return (N,) float64: 1 for the Gaussians of the thing that `marks` show (see `marks.Mark`), else 0.
 
     A moving thing where enough blend weights at the first mark on it belong to moving Gaussians, else one that stands: what later
     marks show of the other kind is left aside. `likely (N,)` in [0, 1], where it is known by words, is evidence of the same kind.
@@ -221,13 +221,13 @@ def _mostly(weights: np.ndarray, rows: np.ndarray, fraction: float) -> bool:
 
 
 def _by_picture(marks: Sequence[Mark]) -> bool:
-    """Whether `marks` are clicks and strokes alone, and those on what is not meant lie on the frames of those on the thing."""
+    """Return True if `marks` are clicks and strokes alone, and those beside the thing lie on frames of those on it."""
     frames = {mark.frame for mark in marks if mark.on}
     return all(not mark.around and mark.frame in frames for mark in marks)
 
 
 def _in_picture(scene: Scene, marks: Sequence[Mark], superpoints: Superpoints) -> np.ndarray | None:
-    """`point_out` of what is static, by the pictures of the marked frames; who shows in none is taken with its superpoint."""
+    """Return `point_out` of static things by the marked frames' pictures; Gaussians that show in none go with their superpoint."""
     fraction, seen = static_part(scene, marks, superpoints.config.picture)
     around = superpoints.spread(superpoints.means(fraction, seen), len(seen))
     chosen = (np.where(seen > superpoints.config.thing.shows, fraction, around) > MOSTLY) & ~scene.moving
@@ -237,7 +237,7 @@ def _in_picture(scene: Scene, marks: Sequence[Mark], superpoints: Superpoints) -
 def held_movers(
     scene: Scene, inside: np.ndarray, seen: np.ndarray, config: SelectConfig = SELECT
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) bool each: the Gaussians of movers of whose blend weights `seen (N,)` most is `inside (N,)`, and of the other ones."""
+    """Return two (N,) bool: Gaussians of movers whose blend weights `seen (N,)` are mostly `inside (N,)`, and of the others."""
     superpoints = graph_of(scene, config).moving
     found = superpoints.held_movers(superpoints.gather(inside), superpoints.gather(seen))
     held, others = (superpoints.spread(part.astype(float), len(seen)) > 0 for part in found)
@@ -264,7 +264,7 @@ class _Signs(NamedTuple):
 
 
 def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
-    """The blend weights under `marks`. F4xError for a mark that marks nothing."""
+    """Return the blend weights under `marks`. F4xError for a mark that marks nothing."""
     size = (scene.cameras.height, scene.cameras.width)
     drawn_on = any(mark.on and not mark.around for mark in marks)
     count = len(scene.ids)
@@ -292,21 +292,21 @@ def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
 
 
 def _moving_fraction(marks: Sequence[Mark], limits: ThingConfig) -> float:
-    """Least fraction of the blend weights under `marks` that belongs to moving Gaussians if a moving thing is meant."""
+    """Return the least fraction of the blend weights under `marks` that moving Gaussians have where a moving thing is meant."""
     if any(mark.on and not mark.around for mark in marks):
         return limits.moving_point
     return MOSTLY if all(mark.exact for mark in marks if mark.on) else limits.moving_box
 
 
 def graph_of(scene: Scene, config: SelectConfig = SELECT) -> Graph:
-    """The superpoints of a scene, cached as long as its static Gaussians live; an edited scene has those of its base."""
+    """Return the superpoints of a scene, cached as long as its static Gaussians live; an edited scene has those of its base."""
     base = scene.base
     graph = _GRAPHS.get(base.static, base.dynamic, base.features, config, make=lambda: superpoints_of(base, config))
     return graph if base is scene else Graph(*(_after_edits(part, scene) for part in graph))
 
 
 def _after_edits(superpoints: Superpoints, scene: Scene) -> Superpoints:
-    """The superpoints with the rows of an edited scene: a copy is where its original is."""
+    """Return the superpoints with the rows of an edited scene: a copy is where its original is."""
     index = np.full(len(scene.base.ids), -1)
     index[superpoints.rows] = superpoints.index
     there = index[scene.origin]
@@ -331,7 +331,10 @@ def superpoints_of(scene: Scene, config: SelectConfig = SELECT) -> Graph:
 def _moving_superpoints(
     scene: Scene, appearance: np.ndarray, weights: np.ndarray, differences: np.ndarray, config: SelectConfig
 ) -> Superpoints:
-    """The superpoints of the moving Gaussians, by `appearance (N,C)`, blend `weights (N,)` and these times `differences (N,)`."""
+    """Return the superpoints of the moving Gaussians.
+
+    `appearance (N,C)`, blend `weights (N,)`, and `differences (N,)`: these times the difference from the background.
+    """
     graph, rows = config.graph, np.flatnonzero(scene.moving)
     tracks = _tracks(scene, graph)
     index, weight, _, looks = _group(tracks.joint(), appearance[rows], weights[rows], graph.moving, graph)
@@ -350,7 +353,7 @@ def _moving_superpoints(
 
 
 def _static_superpoints(scene: Scene, appearance: np.ndarray, weights: np.ndarray, config: SelectConfig) -> Superpoints:
-    """The superpoints of the static Gaussians, by `appearance (N,C)` and blend `weights (N,)`."""
+    """Return the superpoints of the static Gaussians, by `appearance (N,C)` and blend `weights (N,)`."""
     graph, rows = config.graph, np.flatnonzero(~scene.moving)
     scale = np.append(np.full(appearance.shape[1] - 3, graph.static_features), np.ones(3))
     index, weight, sights, looks = _group(
@@ -362,7 +365,7 @@ def _static_superpoints(scene: Scene, appearance: np.ndarray, weights: np.ndarra
 
 
 def _cast(differs: np.ndarray, weight: np.ndarray, bonds: np.ndarray, graph: GraphConfig) -> np.ndarray:
-    """(P,) bool: superpoints cast on the background, by how much they and their neighbours differ from it, (P,).
+    """Return the superpoints (P,) bool cast on the background, by how much they and their neighbours differ from it, (P,).
 
     A random walk with priors (Grady 2005): a superpoint is like its neighbours in `bonds (P,P)`, and by itself a thing with a
     probability that rises with `differs`; `weight (P,)` says how much that counts.
@@ -374,7 +377,7 @@ def _cast(differs: np.ndarray, weight: np.ndarray, bonds: np.ndarray, graph: Gra
 
 
 def _held(scene: Scene, index: np.ndarray, thing: np.ndarray, graph: GraphConfig) -> np.ndarray:
-    """(P,) bool: superpoints that mostly have something of the superpoints `thing (P,)` bool above and below in the pictures.
+    """Return the superpoints (P,) bool that mostly have some of `thing (P,)` bool above and below in the pictures.
 
     A grey shirt before a grey wall is no shadow. `index (n,)`: superpoints of the Gaussians that move.
     """
@@ -399,12 +402,12 @@ class _Tracks(NamedTuple):
     graph: GraphConfig
 
     def joint(self) -> np.ndarray:
-        """(n,3 `GraphConfig.grouped_by`): places at a few times, as one place in a space of so many dimensions."""
+        """Return (n,3 `GraphConfig.grouped_by`): places at a few times, as one place in a space of so many dimensions."""
         some = self.places[:, evenly_spaced(self.places.shape[1], self.graph.grouped_by)]
         return some.reshape(len(some), 3 * some.shape[1]) / np.sqrt(some.shape[1])
 
     def means(self, index: np.ndarray, weights: np.ndarray, groups: int) -> _Tracks:
-        """Of groups of rows, `index (n,)` int, weighted by `weights (n,)` and by who is there; those are there or not."""
+        """Return the tracks of groups of rows, `index (n,)` int, weighted by `weights (n,)` and presence; a group is in or out."""
         held = weights[:, None] * (self.presence + self.graph.absent)
         places = [means(index, held[:, t], self.places[:, t], groups) for t in range(held.shape[1])]
         shares = means(index, weights, self.presence, groups)
@@ -412,7 +415,7 @@ class _Tracks(NamedTuple):
         return _Tracks(np.stack(places, 1), there.astype(float), self.graph)
 
     def apart(self) -> np.ndarray:
-        """(n,n) mean squared distances over the times at which two are there; infinite for two that never meet."""
+        """Return the mean squared distances (n,n) over the times at which two are present; infinite for two that never meet."""
         total = np.zeros((len(self.places), len(self.places)))
         for place, there in zip(self.places.swapaxes(0, 1), self.presence.T, strict=True):
             total += there[:, None] * there * _squares(place, place)
@@ -421,7 +424,7 @@ class _Tracks(NamedTuple):
 
 
 def _tracks(scene: Scene, graph: GraphConfig) -> _Tracks:
-    """Of the moving Gaussians."""
+    """Return the tracks of the moving Gaussians."""
     times = [float(time) for time in scene.cameras.times[evenly_spaced(len(scene.cameras), graph.times)]]
     places = np.stack([scene.posed(time).means[scene.moving] for time in times], 1)
     spread = np.sqrt(places.var(0).sum() / len(times)) if len(places) else 1.0
@@ -430,7 +433,7 @@ def _tracks(scene: Scene, graph: GraphConfig) -> _Tracks:
 
 
 def _sights(scene: Scene, graph: GraphConfig) -> np.ndarray:
-    """(N,4) float64: the direction in which the camera in the middle of the clip sees a Gaussian, and its distance."""
+    """Return (N,4) float64: the direction from the camera in the middle of the clip to a Gaussian, and its distance."""
     middle = len(scene.cameras) // 2
     away = scene.posed(float(scene.cameras.times[middle])).means - scene.cameras[middle].center
     far = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
@@ -438,7 +441,7 @@ def _sights(scene: Scene, graph: GraphConfig) -> np.ndarray:
 
 
 def _appearance(scene: Scene, graph: GraphConfig) -> np.ndarray:
-    """(N,C) float32: features of unit length, as far as the scene has any, and weighed colours."""
+    """Return (N,C) float32: features of unit length, as far as the scene has any, and weighted colors."""
     colour = graph.colour * np.clip(spherical_harmonics.rgb_from_dc(scene.posed(0.0).sh[:, 0]), 0, 1)
     field = field_of_looks(scene)
     if field is None:
@@ -466,12 +469,12 @@ def _group(
 
 
 def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(n,m) squared distances of rows."""
+    """Return the squared distances (n,m) of rows."""
     return np.maximum((one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T, 0)
 
 
 def _bonds(far: np.ndarray, appearance: np.ndarray, neighbours: int) -> tuple[np.ndarray, np.ndarray]:
-    """Bonds (P,P) between neighbours by squared distances `far (P,P)`, and those if all looked alike."""
+    """Return bonds (P,P) between neighbours by squared distances `far (P,P)`, and the bonds if all looked alike."""
     # A product of matrices is symmetric but for rounding, which must not decide who is near.
     far = np.maximum(far, far.T)
     np.fill_diagonal(far, np.inf)
@@ -498,7 +501,7 @@ class _Changes(NamedTuple):
 
 
 def _changes(tracks: _Tracks, near: np.ndarray) -> _Changes:
-    """Of the neighbours, `near (P,P)` > 0."""
+    """Return the changes of distance between neighbours, `near (P,P)` > 0."""
     one, two = np.nonzero(near)
     if not len(one):
         return _Changes(np.zeros((2, 0), int), np.zeros(0))
@@ -510,7 +513,7 @@ def _changes(tracks: _Tracks, near: np.ndarray) -> _Changes:
 
 
 def _pieces(changes: _Changes, count: int, graph: GraphConfig) -> np.ndarray:
-    """(P,) int64 piece of each of `count` superpoints, from 0: neighbours stay together while their distance lasts."""
+    """Return the piece (P,) int64 of each of `count` superpoints, from 0: neighbours stay together while their distance lasts."""
     pairs, change = changes
     if not len(change):
         return np.arange(count)
@@ -519,7 +522,7 @@ def _pieces(changes: _Changes, count: int, graph: GraphConfig) -> np.ndarray:
 
 
 def _strengthen(bonds: np.ndarray, near: np.ndarray, changes: _Changes, graph: GraphConfig) -> np.ndarray:
-    """`bonds (P,P)`, and part of what differing looks took from them, `near (P,P)`, where two move as one."""
+    """Return `bonds (P,P)` with part of what differing looks took from them, `near (P,P)`, where two move as one."""
     pairs, change = changes
     if not len(change):
         return bonds
@@ -535,7 +538,7 @@ def _sweep(
     fits: np.ndarray,
     cutting: Cutting,
 ) -> int:
-    """Of the sets of the first n superpoints in `order (P,)`, n of the one that `cutting` means; `fits (P,)` bool may win.
+    """Return the n of the set that `cutting` means among the first n superpoints in `order (P,)`; `fits (P,)` bool may win.
 
     `strength`: bonds (P,P), cut where only one of two is in the set, and bonds to the outside (P,), cut for every superpoint in
     it; `most`: what those could be. Where no set fits, it is the last one that does not.
@@ -554,7 +557,7 @@ def _sweep(
 
 
 def _cuts(bonds: np.ndarray, out: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) bonds that are cut, and (P,) all bonds, of the first 1, 2, … superpoints of `order (P,)`."""
+    """Return the cut bonds (P,) and all bonds (P,) of the first 1, 2, … superpoints of `order (P,)`."""
     degree = (bonds.sum(1) + out)[order]
     rank = np.empty(len(order), int)
     rank[order] = np.arange(len(order))

@@ -127,7 +127,7 @@ class _Persons:
         return others if self.named or len(self.counted) > 1 else []
 
     def _ends(self) -> dict[str, list[int]]:
-        """The people at a place of the row, and the last of those counted."""
+        """Return the people at each place of the row, and the last of those counted."""
         middle, odd = divmod(len(self.counted), 2)
         row = self.in_row
         return {"left": row[:1], "right": row[-1:], "middle": row[middle:][:odd], "last": self.counted[-1:]}
@@ -141,7 +141,7 @@ def in_ordinals(
     selected: np.ndarray | None = None,
     names: Iterable[str] = (),
 ) -> tuple[str, list[str]]:
-    """(`text` in which each way to say one person is "second person", the labels of people in it that the scene then knows).
+    """Return (`text` with each way to name one person as "second person", labels of people in it that the scene then knows).
 
     People are counted by `from_left`; left and right are those of clip frame `frame`, by default the one in which they are
     counted. A sentence keeps "the left person", which it knows by itself. "The other person" is none of those named before, nor
@@ -170,7 +170,7 @@ def in_ordinals(
 
 
 def is_of_people(scene: Scene, label: str) -> bool:
-    """True if `label` names people, or a part of the body, and the scene knows which Gaussians are people's."""
+    """Return True if `label` names people, or a part of the body, and the scene knows which Gaussians are people's."""
     return people_of(scene) is not None and _meaning(scene, label) is not None
 
 
@@ -181,7 +181,7 @@ def names_people(scene: Scene, label: str) -> bool:
 
 
 def each_person(scene: Scene, label: str) -> list[str]:
-    """The labels of the single people, or of their parts, that a word for all of them means; none for another word, or for one."""
+    """Return the labels of the single people, or of their parts, that a word for all means; none for other words, or one person."""
     found, people = _meaning(scene, label), people_of(scene)
     if found is None or people is None or found["nth"] or found["whose_nth"] or len(from_left(scene)[0]) < 2:
         return []
@@ -191,7 +191,7 @@ def each_person(scene: Scene, label: str) -> list[str]:
 
 
 def rows_of_people(scene: Scene, label: str) -> np.ndarray:
-    """(N,) bool: the Gaussians of all people, or of the person or the parts of bodies that `label` names."""
+    """Return the Gaussians (N,) bool of all people, or of the person or the parts of bodies that `label` names."""
     people, found = people_of(scene), _meaning(scene, label)
     assert people is not None and found is not None
     rows = people.person > 0
@@ -204,7 +204,7 @@ def rows_of_people(scene: Scene, label: str) -> np.ndarray:
 
 
 def labels_of_people(scene: Scene) -> list[str]:
-    """Words for the people of a scene and for the parts of their bodies that it knows; none without people."""
+    """Return words for the people of a scene and for the parts of their bodies that it knows; none without people."""
     people = people_of(scene)
     if people is None:
         return []
@@ -214,7 +214,7 @@ def labels_of_people(scene: Scene) -> list[str]:
 
 
 def remarks_on(scene: Scene, labels: Iterable[str]) -> list[str]:
-    """The sentences, each once, about what words for people say that the scene cannot tell, and about how people are counted."""
+    """Return sentences, each once, about what the scene cannot tell of people named in `labels`, and how it counts them."""
     remarks: list[str] = []
     for label in labels:
         if (found := _meaning(scene, label)) and people_of(scene):
@@ -227,7 +227,7 @@ def remarks_on(scene: Scene, labels: Iterable[str]) -> list[str]:
 
 
 def person_at(scene: Scene, pixels: np.ndarray, frame: int, part: bool = False) -> np.ndarray | None:
-    """(N,) bool: the Gaussians of the person at `pixels (H,W)` bool of a clip frame, by their light; None for no one's.
+    """Return the Gaussians (N,) bool of the person with most blend weights in `pixels (H,W)` bool of a frame; None for nobody's.
 
     With `part` those of the part of the body alone, where it is known.
     """
@@ -241,11 +241,11 @@ def person_at(scene: Scene, pixels: np.ndarray, frame: int, part: bool = False) 
 
 
 def _one(whom: str) -> str:
-    """A word for people as that for one of them."""
+    """Return the word for one of the people that a word names."""
     return "person" if whom == "crowd" or whom.endswith(("body", "one")) else singular(whom)
 
 
 def _meaning(scene: Scene, label: str) -> re.Match[str] | None:
-    """The match of a word for people or for a part of the body; None for all other words."""
+    """Return the match of a word for people or for a part of the body; None for all other words."""
     words = spellings(in_ordinals(scene, label)[0])
     return next(filter(None, map(_WORD.fullmatch, words)), None)

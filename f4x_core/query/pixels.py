@@ -25,7 +25,7 @@ HEAT = 0.6
 
 
 def label_scores(query: TextQuery, latents: np.ndarray) -> np.ndarray:
-    """(…,L) float32 probabilities of the query's labels for `latents (…,D)`, decoded piece by piece."""
+    """Return the probabilities (…,L) float32 of the query's labels for `latents (…,D)`, decoded block by block."""
     rows = latents.reshape(-1, latents.shape[-1])
     out = np.empty((len(rows), len(query.labels)), np.float32)
     for start in range(0, len(rows), ROWS):
@@ -35,7 +35,7 @@ def label_scores(query: TextQuery, latents: np.ndarray) -> np.ndarray:
 
 
 def head_map(scene: Scene, head: str, camera: Camera, time: float, backend: str = "auto") -> np.ndarray:
-    """(h,w,C) float32 that `head` sees from `camera`, on its own grid: the latent is averaged over each cell, then decoded."""
+    """Return (h,w,C) float32 that `head` sees from `camera` on its own grid: latents are averaged over each cell, then decoded."""
     features = scene.require_field([head])
     grid = features.spec(head).grid
     latent = render(scene, cell_camera(camera, grid), time, ("latent",), backend)["latent"]
@@ -43,7 +43,7 @@ def head_map(scene: Scene, head: str, camera: Camera, time: float, backend: str 
 
 
 def cell_camera(camera: Camera, grid: tuple[int, int]) -> Camera:
-    """`camera` at the size at which pictures are drawn whose means over the cells of `grid` (rows, columns) are taken."""
+    """Return `camera` at the size of pictures that are averaged over the cells of `grid` (rows, columns)."""
     rows, columns = grid
     return camera.resized(min(camera.width, PER_CELL * columns), min(camera.height, PER_CELL * rows))
 
@@ -51,7 +51,7 @@ def cell_camera(camera: Camera, grid: tuple[int, int]) -> Camera:
 def text_score_map(
     scene: Scene, query: TextQuery, camera: Camera, time: float, backend: str = "auto", step: int = 1
 ) -> np.ndarray:
-    """(H,W,L) float32 probability of each label at each pixel; 0 where alpha < 0.1.
+    """Return the probability (H,W,L) float32 of each label at each pixel; 0 where alpha < 0.1.
 
     The latent is composited and then decoded, as in training. `step` n draws every n-th pixel only.
     """
@@ -64,7 +64,7 @@ def text_score_map(
 def coverage_image(
     scene: Scene, selection: Selection, camera: Camera, time: float, backend: str = "auto", soft: bool = False
 ) -> np.ndarray:
-    """(H,W) float32 in [0, 1]: how much of each pixel the chosen Gaussians cover at clip time `time` (sum of blend weights).
+    """Return the coverage (H,W) float32 in [0, 1] of the chosen Gaussians at clip time `time`: their sum of blend weights.
 
     With `soft` the Gaussians count with their scores. 0 everywhere outside the selection's span.
     """
@@ -74,13 +74,13 @@ def coverage_image(
 
 
 def coverage_by(scene: Scene, shares: np.ndarray, camera: Camera, time: float, backend: str = "auto") -> np.ndarray:
-    """(H,W) float32 in [0, 1]: how much of each pixel the Gaussians cover at clip time `time`, by its part of `shares (N,)`."""
+    """Return the coverage (H,W) float32 in [0, 1] of the Gaussians at clip time `time`, each counted by `shares (N,)`."""
     drawn = render(scene, camera, time, (), backend, values={"shares": shares[:, None].astype(np.float32)})
     return np.clip(drawn["shares"][..., 0], 0, 1)
 
 
 def heat_map(image: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """(H,W,3) uint8: `score (H,W)` in [0, 1] as colours, dark violet 0 to dark red 1, over the grey of `image (H,W,3)`."""
+    """Return (H,W,3) uint8: `score (H,W)` in [0, 1] as colors, dark violet 0 to dark red 1, over the gray of `image (H,W,3)`."""
     grey = np.clip(image, 0, 1) @ np.array([0.299, 0.587, 0.114])
     at = np.linspace(0, 1, len(SPECTRUM))
     colours = np.stack([np.interp(score, at, SPECTRUM[:, c]) for c in range(3)], -1)

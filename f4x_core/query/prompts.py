@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike
 
 from ..clip.images import resize_nearest
 from ..errors import F4xError
-from ..features.models.prompt import check_frame, check_prompt
 from ..geometry.camera import CameraPath
-from ..language.cast_words import caster, is_cast
+from ..language.cast_words import caster
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.people import people_of
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
-from .cast import cast_of, shaped_scores, without_shadow
+from .cast import Source, cast_of, shaped_scores, source_of, without_shadow
+from .decoder_prompt import check_frame, check_prompt
 from .following import decoder_of, follow_masks, follow_thing
 from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
 from .objects import MOSTLY, graph_of, point_out
-from .people import is_of_people, person_at, rows_of_people
+from .people import person_at, rows_of_people
 from .pixels import label_scores
 from .score import THRESHOLD, target_score
 from .segmentation import MaskDecoder
@@ -77,17 +77,15 @@ def select_by_text(
     is behind them (`cast`), floaters, the ground and the sky by what shape, place and color tell (`cast.SHAPED`). This and every
     other selection leaves out what edits have deleted (`not_deleted`).
     """
-    cast = [label for label in labels if is_cast(label)]
-    shaped = {label: scores for label in labels if (scores := shaped_scores(scene, label)) is not None}
-    people = [label for label in labels if is_of_people(scene, label)]
-    things = [label for label in labels if label not in (*cast, *shaped, *people)]
-    parts = []
-    for label in people:
-        rows = rows_of_people(scene, label)
-        parts.append(_selection(scene, rows.astype(float), options, label))
-    for label, scores_of in shaped.items():
-        parts.append(_selection(scene, scores_of(scene), options, label))
-    for label in cast:
+    by_source: dict[Source, list[str]] = {"cast": [], "people": [], "shape": [], "teacher": []}
+    for label in labels:
+        by_source[source_of(scene, label)].append(label)
+    people, things = by_source["people"], by_source["teacher"]
+    parts = [_selection(scene, rows_of_people(scene, label).astype(float), options, label) for label in people]
+    for label in by_source["shape"]:
+        if (scores_of := shaped_scores(scene, label)) is not None:
+            parts.append(_selection(scene, scores_of(scene), options, label))
+    for label in by_source["cast"]:
         whose = caster(label)
         casting = [whose] if whose is not None else [*people, *things]  # "the dog and its shadow"
         by = select_by_text(scene, casting, negatives, head=head, encode=encode).chosen if casting else None

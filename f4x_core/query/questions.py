@@ -20,7 +20,7 @@ from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
 from ..scene import Scene
 from ..scene.people import single_people
 from ..scene.view import render
-from .cast import moving_things, untaught_words
+from .cast import moving_things, with_untaught
 from .chat import ChatServer, image_part
 from .connected_objects import SIDEWAYS, pick_object, separate_objects, way_across, width_along
 from .engines import BARE, Engines
@@ -138,8 +138,7 @@ def answer(
         known[it] = known[it].for_ids(scene.ids)
     evidence: list[dict[str, Any]] = []
     question, people = in_ordinals(scene, question, "question", selected=known[it].chosen if it else None, names=known)
-    labels = [*labels_of(scene), *people, *known]
-    labels += untaught_words(scene) if labels else []
+    labels = with_untaught(scene, [*labels_of(scene), *people, *known])
     understood, mended = read_as_meant(
         lambda text: read_question(text, scene.fps, len(scene.cameras), it, labels), question, agreed
     )
@@ -172,7 +171,7 @@ def _computed(
 
 
 def _for_each_person(scene: Scene, asked: Asked, names: Collection[str]) -> list[Asked]:
-    """`asked`, and in place of all people the single ones: together in one question where it takes any number of things.
+    """Return `asked` about the single people in place of all: in one question where it takes any number of things.
 
     Several kinds are counted one by one.
     """
@@ -192,7 +191,7 @@ def _for_each_person(scene: Scene, asked: Asked, names: Collection[str]) -> list
 
 
 def _compares(asked: Asked) -> bool:
-    """True for a question that `_compared` answers."""
+    """Return True for a question that `_compared` answers."""
     return asked.kind in COMPARED or bool(asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)))
 
 
@@ -217,7 +216,7 @@ class FeatureReader(Protocol):
     """What `Answer.answered_by` says."""
 
     def answer(self, features: Sequence[np.ndarray], seconds: Sequence[float], question: str) -> str:
-        """The model's words about frames with maps (h,w,C), seen at `seconds`."""
+        """Return the model's answer about frames with maps (h,w,C), seen at `seconds`."""
         ...
 
 
@@ -283,7 +282,7 @@ class _Observed:
 
 
 def _sighting(scene: Scene, label: str, selection: Selection, observed: _Observed) -> Sighting:
-    """The numbers of one object."""
+    """Return the numbers of one object."""
     views, seen, times, places = observed.views, observed.seen, observed.times, observed.places
     sighting = Sighting(label, int(selection.chosen.sum()), float(selection.scores.max(initial=0)))
     sighting = replace(sighting, sizes=_sizes(scene, np.flatnonzero(selection.chosen), float(times[0])))
@@ -320,7 +319,7 @@ def _sighting(scene: Scene, label: str, selection: Selection, observed: _Observe
 
 
 def _sizes(scene: Scene, rows: np.ndarray, time: float) -> list[tuple[float, float]]:
-    """`Sighting.sizes` of the Gaussians `rows`."""
+    """Return `Sighting.sizes` of the Gaussians `rows`."""
     if not len(rows):
         return []
     posed, camera = scene.posed(time), scene.cameras.at(time)
@@ -334,7 +333,7 @@ def _sizes(scene: Scene, rows: np.ndarray, time: float) -> list[tuple[float, flo
 def _compared(
     scene: Scene, asked: Asked, encode: Encode | None, names: Mapping[str, Selection]
 ) -> tuple[str, list[str]]:
-    """The sentence about things that are compared, and what they are called."""
+    """Return (the sentence about things that are compared, their names)."""
     times = times_of(scene, asked)
     found, notes = _found(scene, asked, encode, names)
     if asked.things and (missing := next((word for word, each in found.items() if not each.chosen.any()), None)):
@@ -368,7 +367,7 @@ def _compared(
 def _found(
     scene: Scene, asked: Asked, encode: Encode | None, names: Mapping[str, Selection]
 ) -> tuple[dict[str, Selection], dict[str, str]]:
-    """(whom a question is about, by the word that was looked for; what the search leaves open).
+    """Return (selections that a question is about, by word; remarks on what the search leaves open).
 
     F4xError for what the teacher of the scene's words does not know.
     """
@@ -421,19 +420,15 @@ def _has_no_article(label: str, names: Collection[str]) -> bool:
 
 
 def _perhaps(word: str) -> str:
-    """What a thing with a doubtful word is called."""
+    """Return the name of a thing whose word is doubtful."""
     article = "" if word.endswith("s") else "an " if word[0] in "aeiou" else "a "
     return f"{PERHAPS}{article}{word}"
 
 
 def _look_for(
-    scene: Scene,
-    asked: Asked,
-    trajectory: Trajectory,
-    names: Mapping[str, Selection],
-    engines: Engines,
+    scene: Scene, asked: Asked, trajectory: Trajectory, names: Mapping[str, Selection], engines: Engines
 ) -> list[Sighting]:
-    """The sightings that a question is about."""
+    """Return the sightings that a question is about."""
     views = trajectory
     first, last = (float(time) for time in scene.cameras.times[[0, -1]])
     if asked.span is not None:
@@ -459,7 +454,7 @@ def _look_for(
 
 
 def _word_of(scene: Scene, name: str) -> str:
-    """The word to look for: of "red cars", where the scene knows only "car", that; `Unanswerable` for a word that is left over.
+    """Return the word to look for: "car" of "red cars", where the scene knows only that; `Unanswerable` for a word left over.
 
     One unknown word may name a thing that the text encoder knows. Of several, one may as well be a verb or an adverb.
     """
@@ -520,7 +515,7 @@ MOVING = ("motion", "way", "far", "fast", "lasting", "order", "happens")
 
 
 def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: Encode | None = None) -> str:
-    """The sentences for one question, from what was found."""
+    """Return the sentences for one question, from the sightings."""
     if asked.kind in CLIP_FACTS:
         frames = len(scene.cameras)
         seconds = frames / scene.fps
@@ -545,7 +540,7 @@ def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: E
 
 
 def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, yes: str) -> str:
-    """The sentence about a thing that is not there, after "Yes" or "No" where that is wanted."""
+    """Return the sentence about a thing that is not there, after "Yes" or "No" where that is wanted."""
     if scene.base is not scene and find(scene.base, sighting.label, encode).chosen.any():
         what = f"an earlier edit hides or removed {_the(sighting)}."
     else:
@@ -555,7 +550,7 @@ def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, yes: str) -
 
 
 def _sentence(yes: str, s: Sighting, rest: str) -> str:
-    """A sentence about a thing, after "Yes" or "No" where that is wanted."""
+    """Return a sentence about a thing, after "Yes" or "No" where that is wanted."""
     subject = _the(s)
     return f"{yes}: {subject} {rest}" if yes else f"{subject[0].upper()}{subject[1:]} {rest}"
 
@@ -670,7 +665,7 @@ SENTENCES = {
 
 
 def _spread(trajectory: Trajectory, count: int = VIEWS) -> Trajectory:
-    """At most `count` views, evenly over a trajectory."""
+    """Return at most `count` views, evenly over a trajectory."""
     if not trajectory:
         raise F4xError("The camera path has no view; give one with at least one camera.")
     return [trajectory[i] for i in evenly_spaced(len(trajectory), count)]

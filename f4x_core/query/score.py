@@ -15,19 +15,19 @@ THRESHOLD = 0.5
 
 
 def cosines(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """(…,L) cosines of `features (…,C)` with `labels (L,C)`; 0 where a feature is 0."""
+    """Return the cosines (…,L) of `features (…,C)` with `labels (L,C)`; 0 where a feature is 0."""
     lengths = np.linalg.norm(features, axis=-1, keepdims=True)
     units = labels / np.maximum(np.linalg.norm(labels, axis=-1, keepdims=True), 1e-12)
     return features @ units.T / np.maximum(lengths, 1e-12)
 
 
 def logistic(odds: np.ndarray | float) -> np.ndarray:
-    """Probabilities of log-odds, which are clipped to -30 … 30, so that nothing overflows."""
+    """Return the probabilities of log-odds, which are clipped to -30 … 30, so that nothing overflows."""
     return 1 / (1 + np.exp(-np.clip(odds, -30, 30)))
 
 
 def text_scores(features: np.ndarray, labels: np.ndarray, temperature: float | None = None) -> np.ndarray:
-    """(…,L) probabilities `softmax(cosine / temperature)` over the labels; their sum is 1.
+    """Return the probabilities (…,L) `softmax(cosine / temperature)` over the labels; their sum is 1.
 
     `features (…,C)` of any length, `labels (L,C)`. F4xError for no labels, widths that differ, or a temperature not above 0.
     """
@@ -44,19 +44,19 @@ def text_scores(features: np.ndarray, labels: np.ndarray, temperature: float | N
 
 
 def target_score(scores: np.ndarray, targets: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """(summed score (…), bool (…) whether the best label is a target) of `scores (…,L)` for label indices `targets`."""
+    """Return (summed score (…), (…) bool: the best label is a target) of `scores (…,L)` for label indices `targets`."""
     targets = list(dict.fromkeys(targets))
     return scores[..., targets].sum(-1), np.isin(scores.argmax(-1), targets)
 
 
 def select(scores: np.ndarray, target: int | Sequence[int], threshold: float = THRESHOLD) -> np.ndarray:
-    """Bool (…): the targets' summed score reaches `threshold`, or the best label is a target (Feature4X, editing)."""
+    """Return (…) bool: the targets' summed score reaches `threshold`, or the best label is a target (Feature4X, editing)."""
     total, best = target_score(scores, [target] if isinstance(target, int) else target)
     return (total >= threshold) | best
 
 
 def average_precision(scores: np.ndarray, truth: np.ndarray) -> float:
-    """Area under precision over recall of `scores` against bool `truth` of the same shape; NaN where nothing is true.
+    """Return the area under precision over recall of `scores` against bool `truth` of the same shape; NaN where nothing is true.
 
     Equal scores count as one step, so that the order of pixels plays no role.
     """
@@ -72,6 +72,6 @@ def average_precision(scores: np.ndarray, truth: np.ndarray) -> float:
 
 
 def overlap(mask: np.ndarray, truth: np.ndarray) -> float:
-    """Intersection over union of two bool arrays; 1 where both are empty."""
+    """Return the intersection over union of two bool arrays; 1 where both are empty."""
     union = (mask | truth).sum()
     return float((mask & truth).sum() / union) if union else 1.0

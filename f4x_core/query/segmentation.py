@@ -15,8 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from ..errors import F4xError
-from ..features.models.prompt import check_frame, check_prompt
 from ..features.text import unit
+from .decoder_prompt import check_frame, check_prompt
 from .growing import grow_prompt
 
 BLOCK = 8
@@ -45,7 +45,7 @@ class MaskDecoder(Protocol):
         box: ArrayLike | None = None,
         mask: ArrayLike | None = None,
     ) -> np.ndarray:
-        """Logits (H,W) float32 of the object on frame `t`, above 0 where it is; replaces an earlier prompt there.
+        """Return the logits (H,W) float32 of the object on frame `t`, above 0 where it is; replaces an earlier prompt there.
 
         `points (N,2)` x, y in pixels with `labels (N,)` (True = on the object, all of them by default), `box (4,)` left,
         top, right, bottom, both together, or a `mask (H,W)` alone. F4xError for a prompt that means nothing.
@@ -53,7 +53,7 @@ class MaskDecoder(Protocol):
         ...
 
     def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
+        """Yield every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
         ...
 
 
@@ -98,7 +98,7 @@ class FeaturePropagation:
         box: ArrayLike | None = None,
         mask: ArrayLike | None = None,
     ) -> np.ndarray:
-        """Logits (H,W) of the object on frame `t` (see `MaskDecoder`); a mask comes back as it is on the grid of features."""
+        """Return the logits (H,W) of the object on frame `t` (see `MaskDecoder`); a mask comes back on the grid of features."""
         check_frame(t, self.count)
         prompt = check_prompt(self.size, points, labels, box, mask)
         cells = self._cells(t)
@@ -110,7 +110,7 @@ class FeaturePropagation:
         return self._logits(fraction)
 
     def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
+        """Yield every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
         if not self._masks:
             raise F4xError("Nothing is prompted yet: give points, a box or a mask on some frame first.")
         start = min(self._masks)
@@ -127,7 +127,7 @@ class FeaturePropagation:
                 yield t, self._logits(frame.fraction)
 
     def _vote(self, cells: np.ndarray, known: Collection[_Masked], recent: list[_Masked]) -> np.ndarray:
-        """Fraction of the object (h,w) in the cells (h,w,C) of a frame, by the frames it can ask."""
+        """Return the fraction of the object (h,w) in the cells (h,w,C) of a frame, by the frames it can ask."""
         height, width = cells.shape[:2]
         here = _centre(recent[-1].fraction)
         asked = [frame.windows((0, 0)) for frame in recent]
@@ -150,7 +150,7 @@ class FeaturePropagation:
         return rows[:height, :width]
 
     def _cells(self, t: int) -> np.ndarray:
-        """Unit features (h,w,C) float32 of frame `t`."""
+        """Return the unit features (h,w,C) float32 of frame `t`."""
         return unit(np.asarray(self._features(t), np.float32))
 
     def _logits(self, fraction: np.ndarray) -> np.ndarray:
@@ -166,7 +166,7 @@ class _Masked:
         self._made: tuple[tuple[int, int], tuple[np.ndarray, np.ndarray]] | None = None
 
     def windows(self, move: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Features (blocks,n,C) and fractions (blocks,n) of its cells after a move by (rows, columns)."""
+        """Return features (blocks,n,C) and fractions (blocks,n) of its cells after a move by (rows, columns)."""
         if self._made is None or self._made[0] != move:
             features = windows(shifted(self.cells, move), self.reach)
             self._made = move, (features, windows(shifted(self.fraction, move)[..., None], self.reach)[..., 0])
@@ -174,7 +174,7 @@ class _Masked:
 
 
 def windows(values: np.ndarray, reach: int) -> np.ndarray:
-    """(blocks, (BLOCK + 2 reach)^2, C): for each square block of cells of (h,w,C), the cells in it and `reach` around it."""
+    """Return (blocks, (BLOCK + 2 reach)^2, C): the cells in each square block of (h,w,C) and `reach` around it."""
     height, width, channels = values.shape
     down, across = -(-height // BLOCK), -(-width // BLOCK)
     padded = np.zeros((down * BLOCK + 2 * reach, across * BLOCK + 2 * reach, channels), np.float32)
@@ -185,7 +185,7 @@ def windows(values: np.ndarray, reach: int) -> np.ndarray:
 
 
 def shifted(values: np.ndarray, move: tuple[int, int]) -> np.ndarray:
-    """(h,w,...) moved by (rows, columns); zeros come in at the rim."""
+    """Return (h,w,...) moved by (rows, columns); zeros come in at the rim."""
     if move == (0, 0):
         return values
     result = np.zeros_like(values)
@@ -195,7 +195,7 @@ def shifted(values: np.ndarray, move: tuple[int, int]) -> np.ndarray:
 
 
 def sums_around(cells: np.ndarray) -> np.ndarray:
-    """Sums of `cells (h,w,C)` over 3 x 3 cells; those of the edge are repeated beyond it."""
+    """Return the sums of `cells (h,w,C)` over 3 x 3 cells; those of the edge are repeated beyond it."""
     height, width = cells.shape[:2]
     padded = np.pad(cells, ((1, 1), (1, 1), (0, 0)), mode="edge")
     around = (padded[y : y + height, x : x + width] for y in range(3) for x in range(3))
@@ -203,7 +203,7 @@ def sums_around(cells: np.ndarray) -> np.ndarray:
 
 
 def connected_regions(kind: np.ndarray) -> np.ndarray:
-    """(h,w) int: one number for each 4-connected region of equal `kind (h,w)`."""
+    """Return (h,w) int: one number for each 4-connected region of equal `kind (h,w)`."""
     number = np.arange(kind.size).reshape(kind.shape)
     ways = ((number, kind[1:] == kind[:-1]), (number.T, (kind[:, 1:] == kind[:, :-1]).T))
     while True:
@@ -219,39 +219,39 @@ def connected_regions(kind: np.ndarray) -> np.ndarray:
 
 
 def shrink(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Means (h,w,...) of `values (H,W,...)` over the cells of a coarser grid, whole or in part."""
+    """Return the means (h,w,...) of `values (H,W,...)` over the cells of a coarser grid, whole or in part."""
     down, across = (_area_matrix(new, old) for new, old in zip(size, values.shape[:2], strict=True))
     rows = (down @ values.reshape(len(values), -1)).reshape(size[0], values.shape[1], -1)  # (h,W,C)
     return (across @ rows).reshape(*size, *values.shape[2:])
 
 
 def enlarge(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """`values (h,w)` interpolated bilinearly to (H,W), corners of both grids on each other."""
+    """Return `values (h,w)` interpolated bilinearly to (H,W), corners of both grids on each other."""
     down, across = (_linear_matrix(new, old) for new, old in zip(size, values.shape, strict=True))
     return down @ values @ across.T
 
 
 def _area_matrix(new: int, old: int) -> np.ndarray:
-    """(new,old): fraction of each old cell in the mean over a new one."""
+    """Return (new,old): the fraction of each old cell in the mean over a new one."""
     edges, low = np.arange(new + 1) * old / new, np.arange(old)
     covered = np.minimum(edges[1:, None], low + 1) - np.maximum(edges[:-1, None], low)
     return (np.maximum(covered, 0) * new / old).astype(np.float32)
 
 
 def _linear_matrix(new: int, old: int) -> np.ndarray:
-    """(new,old): weights of linear interpolation at the centres of the new cells."""
+    """Return (new,old): weights of linear interpolation at the centres of the new cells."""
     place = np.clip((np.arange(new) + 0.5) * old / new - 0.5, 0, old - 1)
     return np.maximum(0, 1 - abs(place[:, None] - np.arange(old))).astype(np.float32)
 
 
 def _centre(fraction: np.ndarray) -> np.ndarray:
-    """(row, column) of the centre of mass of `fraction (h,w)`."""
+    """Return (row, column) of the centre of mass of `fraction (h,w)`."""
     total = max(float(fraction.sum()), 1e-12)
     rows, columns = fraction.sum(1), fraction.sum(0)
     return np.array([rows @ np.arange(len(rows)), columns @ np.arange(len(columns))]) / total
 
 
 def _overlap(move: int, length: int) -> tuple[slice, slice]:
-    """Where values go and where they come from when they move by `move` cells."""
+    """Return the slices to which and from which values go when they move by `move` cells."""
     move = int(np.clip(move, -length, length))
     return slice(max(move, 0), length + min(move, 0)), slice(max(-move, 0), length - max(move, 0))

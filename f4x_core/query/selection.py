@@ -62,11 +62,11 @@ class Selection:
         return self.ids[self.chosen]
 
     def at_threshold(self, threshold: float, keep_wins: bool = True) -> Selection:
-        """The same scores, chosen by another threshold; `keep_wins=False` lets the threshold decide alone."""
+        """Return the same scores, chosen by another threshold; `keep_wins=False` lets the threshold decide alone."""
         return replace(self, threshold=threshold, wins=self.wins & keep_wins)
 
     def within(self, first: float, last: float) -> Selection:
-        """The same, holding from clip frame `first` to `last` alone."""
+        """Return the selection, holding from clip frame `first` to `last` alone."""
         return replace(self, span=(first, last))
 
     def holds_at(self, time: float) -> bool:
@@ -74,7 +74,7 @@ class Selection:
         return self.span is None or self.span[0] <= time <= self.span[1]
 
     def among(self, rows: np.ndarray) -> Selection:
-        """The same, but nobody outside `rows (N,) bool` has a score or wins."""
+        """Return the selection without scores and wins outside `rows (N,) bool`."""
         return replace(self, scores=np.where(rows, self.scores, 0), wins=self.wins & rows)
 
     def require_scene(self, scene: Scene) -> None:
@@ -92,7 +92,7 @@ class Selection:
             )
 
     def for_ids(self, ids: np.ndarray) -> Selection:
-        """The selection with its rows in the order of `ids`: of another scene file, whose new Gaussians have score 0."""
+        """Return the selection with its rows in the order of `ids`: of another scene file, whose new Gaussians have score 0."""
         order = np.argsort(self.ids)
         place = np.minimum(np.searchsorted(self.ids[order], ids), max(len(self.ids) - 1, 0))
         row = order[place] if len(self.ids) else place
@@ -105,17 +105,17 @@ class Selection:
         )
 
     def __and__(self, other: Selection) -> Selection:
-        """Chosen by both; scores are the smaller ones."""
+        """Return the Gaussians chosen by both; scores are the smaller ones."""
         other = other.for_ids(self.ids)
         return self._combined(other, self.chosen & other.chosen, np.minimum(self.scores, other._scaled(self)), "and")
 
     def __or__(self, other: Selection) -> Selection:
-        """Chosen by either; scores are the larger ones. Holds over both spans and what lies between them."""
+        """Return the Gaussians chosen by either; scores are the larger ones. It holds over both spans and between them."""
         other = other.for_ids(self.ids)
         return self._combined(other, self.chosen | other.chosen, np.maximum(self.scores, other._scaled(self)), "or")
 
     def __invert__(self) -> Selection:
-        """Everything that is not chosen."""
+        """Return everything that is not chosen."""
         threshold = max(1 - self.threshold, MIN_THRESHOLD)
         scores = _agree(1 - self.scores, ~self.chosen, threshold)
         return replace(
@@ -123,7 +123,7 @@ class Selection:
         )
 
     def _scaled(self, other: Selection) -> np.ndarray:
-        """The scores with this threshold moved onto that of `other`."""
+        """Return the scores with this threshold moved onto that of `other`."""
         return np.interp(self.scores, [0, self.threshold, 1], [0, other.threshold, 1])
 
     def _combined(self, other: Selection, chosen: np.ndarray, scores: np.ndarray, word: str) -> Selection:
@@ -142,7 +142,7 @@ class Selection:
         return replace(self, scores=scores, wins=wins, threshold=threshold, span=span, label=label)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for `json.dumps`; Gaussians with score 0 are left out."""
+        """Return plain values for `json.dumps`; Gaussians with score 0 are left out."""
         scale = 10**DECIMALS
         rounded = np.where(self.scores >= self.threshold, np.ceil(self.scores * scale), np.floor(self.scores * scale))
         kept = (rounded > 0) | self.wins
@@ -160,7 +160,7 @@ class Selection:
 
     @classmethod
     def from_json(cls, data: Any) -> Selection:
-        """The selection that `to_json` wrote, without the rows of score 0; `for_ids` brings them back. F4xError."""
+        """Return the selection that `to_json` wrote, without the rows of score 0, which `for_ids` brings back. F4xError."""
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise F4xError("This is no selection; write one with `f4x query SCENE … -o DIR`.")
         try:
@@ -189,6 +189,6 @@ def fingerprint(scene: Scene) -> str:
 
 
 def _agree(scores: np.ndarray, chosen: np.ndarray, threshold: float) -> np.ndarray:
-    """`scores` held on that side of `threshold` on which `chosen` says they are, where rounding or a win would differ."""
+    """Return `scores` on that side of `threshold` where `chosen` puts them, against rounding and wins."""
     below = np.nextafter(threshold, 0)
     return np.where(chosen, np.maximum(scores, threshold), np.minimum(scores, below))

@@ -15,7 +15,7 @@ class Shape(Protocol):
     """A part of a picture."""
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(n,) bool for `pixels (n,2)`."""
+        """Return (n,) bool: the `pixels (n,2)` in the shape."""
         ...
 
 
@@ -29,7 +29,7 @@ class Rectangle:
     """x, y in pixels."""
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(n,) bool for `pixels (n,2)`."""
+        """Return (n,) bool: the `pixels (n,2)` in the rectangle."""
         low, high = np.minimum(self.corner, self.opposite), np.maximum(self.corner, self.opposite)
         return ((pixels >= low) & (pixels <= high)).all(1)
 
@@ -47,7 +47,7 @@ class Polygon:
             raise F4xError("A lasso needs at least three corners; draw around what is meant.")
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(n,) bool for `pixels (n,2)`: whether a ray to the right crosses the line an odd number of times."""
+        """Return (n,) bool: the `pixels (n,2)` from which a ray to the right crosses the line an odd number of times."""
         corners = np.asarray(self.outline, np.float64)
         inside = np.zeros(len(pixels), bool)
         near = np.flatnonzero(((pixels >= corners.min(0)) & (pixels <= corners.max(0))).all(1))
@@ -75,7 +75,7 @@ class Stroke:
             raise F4xError("A brush needs a point to start from and a radius above 0.")
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(n,) bool for `pixels (n,2)`: whether the path comes within the radius."""
+        """Return (n,) bool: the `pixels (n,2)` within the radius of the path."""
         corners = np.asarray(self.path, np.float64)
         inside = np.zeros(len(pixels), bool)
         low, high = corners.min(0) - self.radius, corners.max(0) + self.radius

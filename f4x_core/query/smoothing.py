@@ -48,7 +48,7 @@ STEPS, TOLERANCE = 200, 1e-4
 
 
 def field_of_looks(scene: Scene) -> FeatureField | None:
-    """The scene's feature field, if it has the head that says what looks alike."""
+    """Return the scene's feature field, if it has the head for what looks alike."""
     field = scene.features
     return field if field is not None and LOOKS_ALIKE in field.names else None
 
@@ -72,14 +72,14 @@ class Patches:
     _decoded: dict[FieldHead, np.ndarray] = field(default_factory=dict)
 
     def features(self, head: FieldHead) -> np.ndarray:
-        """(P,C) float32, read-only: what `head` sees in each patch. Decoded once, which is most of the cost of a word."""
+        """Return (P,C) float32, read-only: what `head` sees in each patch. Decoded once, which is most of the cost of a word."""
         if head not in self._decoded:
             self._decoded[head] = head(self.latents)
             self._decoded[head].setflags(write=False)
         return self._decoded[head]
 
     def smooth(self, values: np.ndarray, trust: float = TRUST) -> np.ndarray:
-        """`argmin_x sum trust weight_i (x_i - values_i)^2 + sum bond_ij (x_i - x_j)^2` of `values (P,)`, float64.
+        """Return `argmin_x sum trust weight_i (x_i - values_i)^2 + sum bond_ij (x_i - x_j)^2` of `values (P,)`, float64.
 
         Solved by conjugate gradients with the diagonal as preconditioner.
         """
@@ -102,7 +102,7 @@ def solve(
     steps: int,
     tolerance: float,
 ) -> np.ndarray:
-    """(n,) float64: `x` with `apply(x) = right (n,)`, from the guess `x (n,)`, by conjugate gradients.
+    """Solve `apply(x) = right (n,)` from the guess `x (n,)` by conjugate gradients; returns (n,) float64.
 
     `apply`: a symmetric, positive definite matrix times a vector; `diagonal (n,)` its preconditioner. It ends after so many
     steps, or when the greatest residual is below `tolerance` times the first one.
@@ -138,7 +138,7 @@ def group_of(scene: Scene) -> Patches:
 
 
 def group(scene: Scene) -> Patches:
-    """The patches of a scene, as seen from the middle of the clip; moving and static Gaussians are never mixed.
+    """Return the patches of a scene, as seen from the middle of the clip; moving and static Gaussians are never mixed.
 
     Raises F4xError: a scene without a feature field.
     """
@@ -182,7 +182,7 @@ def group(scene: Scene) -> Patches:
 
 
 def _neighbours(keys: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(E,), (E,) indices of pairs of `keys` (sorted; of column, row, layer, kind) in cells next to each other, each once."""
+    """Return indices (E,), (E,) of pairs of `keys` (sorted; of column, row, layer, kind) in adjacent cells, each once."""
     rows, layers = int(size[1]), int(size[2])
     cells = keys // KINDS
     around = range(-REACH, REACH + 1)

@@ -30,7 +30,7 @@ ROWS = 2
 
 
 def difference(scene: Scene, views: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """(weights, differences), (N,) float64 each: the blend weights of the Gaussians, and these times how `unlike` their pixels are.
+    """Return (N,) float64 each: the blend weights of the Gaussians, and these times how `unlike` the background their pixels are.
 
     In pixels of the clip's pictures, means over at most `views` views of the clip, drawn `columns` wide.
     """
@@ -46,7 +46,7 @@ def difference(scene: Scene, views: int, columns: int) -> tuple[np.ndarray, np.n
 
 
 def between(scene: Scene, thing: np.ndarray, views: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """(weights, parts), (N,) float64 each: as `difference`, of pixels that have something of `thing (N,)` bool above and below."""
+    """Return (N,) float64 each: as `difference`, of pixels that have something of `thing (N,)` bool above and below."""
 
     def within(camera: Camera, time: float) -> np.ndarray:
         shown = render(scene, camera, time, (), values={"thing": thing[:, None].astype(np.float32)})["thing"][..., 0]
@@ -59,7 +59,7 @@ def between(scene: Scene, thing: np.ndarray, views: int, columns: int) -> tuple[
 def _means(
     scene: Scene, views: int, columns: int, draw: Callable[[Camera, float], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(weights, weighted), (N,) each: blend weights, and these times what `draw` gives their pixels (H,W)."""
+    """Return (N,) each: blend weights, and these times the values (H,W) that `draw` returns for their pixels."""
     cameras = scene.cameras
 
     def layers(frame: int, size: tuple[int, int]) -> np.ndarray:
@@ -72,7 +72,7 @@ def _means(
 
 
 def unlike(picture: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """(H,W) float64: how much sRGB pictures `(H,W,3)` differ, 0 = not at all, 1 = black from white.
+    """Return (H,W) float64: the difference of sRGB pictures `(H,W,3)`, 0 = none, 1 = black from white.
 
     The background may be darkened by one factor in the 3x3 pixels around: that is what a shadow does.
     """

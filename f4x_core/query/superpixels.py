@@ -43,7 +43,7 @@ class _Size:
 
     @classmethod
     def of_marks(cls, on: np.ndarray, config: PictureConfig) -> _Size:
-        """What marks `on (H,W)` bool tell: a click nothing; several, or a stroke, that it is about as large as the box around them.
+        """Return the size that marks `on (H,W)` bool tell: none by a click; the box around several, or a stroke, is about as large.
 
         On six filmed clips five clicks find .58 of 38 things (.54 if they count for no size), a stroke .56.
         """
@@ -70,7 +70,7 @@ class Superpixels:
     """The numbers that it was cut with."""
 
     def meant(self, on: Sequence[np.ndarray], beside: np.ndarray) -> np.ndarray:
-        """(H,W) bool: the part that all marks `on`, (H,W) bool each, mean and `beside (H,W)` bool does not.
+        """Return the part (H,W) bool that all marks `on`, (H,W) bool each, mean and `beside (H,W)` bool does not.
 
         Empty where nothing is left.
         """
@@ -98,7 +98,7 @@ class Superpixels:
         return ((rank <= last) | under)[self.label]
 
     def _walk(self, start: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """(P,): how often walkers from `start (P,)` come to a superpixel, for each bond that it has; lost where not `free (P,)`."""
+        """Return (P,): visits of walkers from `start (P,)` to a superpixel per bond; they end where not `free (P,)`."""
         if not start.any():
             return start
         ends = np.concatenate([self.pairs, self.pairs[::-1]], 1)
@@ -112,7 +112,7 @@ class Superpixels:
         return solve(apply, degree, start, np.zeros(len(start)), STEPS, TOLERANCE)
 
     def _cut(self, rank: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Sums of `values (E,)` over the pairs that part the first 1, 2, … superpixels by `rank (P,)` from the others."""
+        """Return the sums of `values (E,)` over pairs that part the first 1, 2, … superpixels by `rank (P,)` from the others."""
         first, last = np.sort(rank[self.pairs], 0)
         count = int(rank.max()) + 1
         return np.maximum(np.cumsum(np.bincount(first, values, count) - np.bincount(last, values, count)), 0)
@@ -124,7 +124,7 @@ _PICTURES: Kept[dict[int, Superpixels]] = Kept()
 def static_part(
     scene: Scene, marks: Sequence[Mark], config: PictureConfig = SELECT.picture
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(fraction (N,) in [0, 1], sum (N,) in pixels): how much of each Gaussian's blend weights lies in what `marks` mean.
+    """Return the fraction (N,) in [0, 1] of each Gaussian's blend weights in what `marks` mean, and their sum (N,) in pixels.
 
     On each frame that has marks on the thing the part of the picture that they mean together (`Superpixels.meant`).
     """
@@ -142,7 +142,7 @@ def static_part(
 def superpixels_of(
     scene: Scene, frame: int, config: PictureConfig = SELECT.picture, backend: str = "auto"
 ) -> Superpixels:
-    """The superpixels of what clip `frame` shows of the scene; kept as long as the scene lives."""
+    """Return the superpixels of what clip `frame` shows of the scene; kept as long as the scene lives."""
     pictures = _PICTURES.get(scene, config, make=dict)
     if frame not in pictures:
         camera, time = scene.cameras[frame].of_width(config.columns), float(scene.cameras.times[frame])
@@ -175,7 +175,7 @@ def cut_picture(
 
 
 def basins(across: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """(H,W) int64: from 0, which pixels run down into the same lowest place of the strengths of borders around them.
+    """Return (H,W) int64, from 0: pixels that run down into the same lowest place of the strengths of borders around them.
 
     `across (H,W-1)`, `down (H-1,W)`: strengths between neighbours.
     """
@@ -201,14 +201,14 @@ def basins(across: np.ndarray, down: np.ndarray) -> np.ndarray:
 
 
 def _borders(colour: np.ndarray, sides: tuple[int, ...], noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """(H,W-1), (H-1,W) in [0, 1]: how much the colours (H,W,C) left and right, above and below differ, mean over windows."""
+    """Return (H,W-1), (H-1,W) in [0, 1]: differences of colors (H,W,C) left and right, above and below, mean over windows."""
     across = np.mean([_differ(colour, side, noise) for side in sides], 0)
     down = np.mean([_differ(colour.swapaxes(0, 1), side, noise).T for side in sides], 0)
     return across, down
 
 
 def _differ(colour: np.ndarray, side: int, noise: float) -> np.ndarray:
-    """(H,W-1) in [0, 1]: the difference of mean colours in windows left and right, against the variance within them."""
+    """Return (H,W-1) in [0, 1]: the difference of mean colors in windows left and right, against the variance within them."""
     values = np.concatenate([colour, colour**2], -1)
     tall = (-(side // 2), side // 2) if side > 1 else (0, 0)
     left, right = _box(values, tall, (1 - side, 0)), _box(values, tall, (1, side))
@@ -219,7 +219,7 @@ def _differ(colour: np.ndarray, side: int, noise: float) -> np.ndarray:
 
 
 def _box(values: np.ndarray, rows: tuple[int, int], columns: tuple[int, int]) -> np.ndarray:
-    """(H,W,C) means of `values (H,W,C)` over windows from the first to the last of `rows` and `columns` beside each pixel."""
+    """Return the means (H,W,C) of `values (H,W,C)` over windows from the first to the last of `rows` and `columns` at a pixel."""
     height, width = values.shape[:2]
     before = [max(0, -first) for first, _ in (rows, columns)]
     after = [max(0, last) for _, last in (rows, columns)]
@@ -235,7 +235,7 @@ def _box(values: np.ndarray, rows: tuple[int, int], columns: tuple[int, int]) ->
 
 
 def _neighbours(label: np.ndarray, across: np.ndarray, down: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs (2,E) of superpixels that touch, mean strength (E,) of their border and its length (E,) in pixels."""
+    """Return pairs (2,E) of superpixels that touch, mean strength (E,) of their border and its length (E,) in pixels."""
     one = np.concatenate([label[:, :-1].ravel(), label[:-1].ravel()])
     two = np.concatenate([label[:, 1:].ravel(), label[1:].ravel()])
     apart = one != two
@@ -248,7 +248,7 @@ def _neighbours(label: np.ndarray, across: np.ndarray, down: np.ndarray) -> tupl
 
 
 def _histograms(colour: np.ndarray, label: np.ndarray, bins: int) -> np.ndarray:
-    """(P,C bins): histograms of the colours (H,W,C) of superpixels; each row adds up to 1."""
+    """Return (P,C bins): histograms of the colors (H,W,C) of superpixels; each row adds up to 1."""
     count, channels = int(label.max()) + 1, colour.shape[-1]
     span = np.abs(OPPONENT).sum(1) / 2
     low = np.minimum(OPPONENT, 0).sum(1)

@@ -20,7 +20,7 @@ NO_THING = -1
 
 
 def known_things(scene: Scene, time: float) -> np.ndarray:
-    """(N,) int: number of the thing that each Gaussian of `scene.posed(time)` is part of, or `NO_THING`.
+    """Return the number (N,) int of the thing that each Gaussian of `scene.posed(time)` is part of, or `NO_THING`.
 
     Things are the people of the scene, the separate objects of every word that it answers to, and what else moves. Of two words
     for a Gaussian the one that selects less counts: the cup and not the table.
@@ -50,7 +50,7 @@ def is_backdrop(scene: Scene, rows: np.ndarray, time: float) -> bool:
 
 
 def everything_to(scene: Scene, others: np.ndarray, where: str, time: float) -> np.ndarray:
-    """(n,) rows of all that stands so (see `selects.Where`) to the Gaussians `others`, as the clip's camera at `time` sees it.
+    """Return rows (n,) of all that stands so (see `selects.Where`) to the Gaussians `others`, as the clip's camera sees it.
 
     Each known thing is in it or not, by its middle. Of a surface that goes through, and of what no word is known for, it holds
     the Gaussians that lie beyond the edge of the others. `above` means what stands on it. Raises F4xError where the direction
@@ -86,7 +86,7 @@ def everything_to(scene: Scene, others: np.ndarray, where: str, time: float) -> 
 def _upon(
     means: np.ndarray, owner: np.ndarray, free: np.ndarray, others: np.ndarray, camera: Camera, where: str
 ) -> np.ndarray:
-    """(n,) rows of the known things that stand on the Gaussians `others`, or lie under them."""
+    """Return rows (n,) of the known things that stand on the Gaussians `others`, or lie under them."""
     points = means @ camera.camera_to_world[:3, :3]  # right, down, forward
     low, high = np.percentile(points[others], INNER, axis=0)
     found = np.zeros(len(means), bool)

@@ -25,7 +25,7 @@ _UNSEEN: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
 def unseen_gaussians(scene: Scene) -> np.ndarray:
-    """(N,) bool over `scene.posed`: to no frame of the clip, before any edit, their light comes through (`LEAST`).
+    """Return the Gaussians (N,) bool of `scene.posed` whose light reaches no frame of the clip before any edit (`LEAST`).
 
     What a fit made up is among them, though edges of what moves let some of it through. Copies are what their originals are.
     Cached for the lifetime of the scene before its edits.
@@ -39,12 +39,12 @@ def unseen_gaussians(scene: Scene) -> np.ndarray:
 
 
 def unseen_image(scene: Scene, camera: Camera, time: float, backend: str = "auto") -> np.ndarray:
-    """(H,W) float32 in [0, 1]: the pass `unseen` of `scene.stage.draw`, of one scene without surfaces."""
+    """Return (H,W) float32 in [0, 1]: the pass `unseen` of `scene.stage.draw`, of one scene without surfaces."""
     return 1 - coverage_by(scene, ~unseen_gaussians(scene), camera, time, backend)
 
 
 def _seen(scene: Scene) -> np.ndarray:
-    """(N,) bool."""
+    """Return the Gaussians (N,) bool that some view shows."""
     cameras = scene.cameras
     seen = np.zeros(len(scene.ids), bool)
     for frame in evenly_spaced(len(cameras), VIEWS):

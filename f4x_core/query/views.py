@@ -56,7 +56,7 @@ class Views:
         self._seen: dict[int, Seen] = {}
 
     def appearance(self, scene: Scene, frame: int, backend: str = "auto") -> np.ndarray:
-        """(h,w,C) float32: what can be told apart in the cells of clip `frame`, by the cosine; C <= `DIRECTIONS`."""
+        """Return (h,w,C) float32, the appearance of the cells of clip `frame`, compared by the cosine; C <= `DIRECTIONS`."""
         if not self._directions.size:
             frames = evenly_spaced(len(scene.cameras), DIRECTION_FRAMES)
             shown = np.stack([_cells(scene, t, backend) for t in frames])
@@ -68,7 +68,7 @@ class Views:
         return self._appearance[frame]
 
     def seen(self, scene: Scene, frame: int) -> Seen:
-        """Who shows on clip `frame`, and where."""
+        """Return the Gaussians that show on clip `frame`, and their places."""
         if frame not in self._seen:
             height, width = scene.cameras.height, scene.cameras.width
             rows, columns = np.mgrid[:height, :width].astype(np.float32)
@@ -84,12 +84,12 @@ _VIEWS: Kept[Views] = Kept()
 
 
 def views_of(scene: Scene) -> Views:
-    """The pictures of a scene, kept as long as it lives."""
+    """Return the pictures of a scene, kept as long as it lives."""
     return _VIEWS.get(scene, make=Views)
 
 
 def _cells(scene: Scene, frame: int, backend: str) -> np.ndarray:
-    """(h,w,C) float32: the visual features, if any, and `CUES` of each cell of clip `frame`; all cells have about one norm."""
+    """Return (h,w,C) float32: the visual features, if any, and `CUES` of each cell of clip `frame`, all of about one norm."""
     field, path = field_of_looks(scene), scene.cameras
     grid = (max(1, round(GRID * path.height / path.width)), GRID) if field is None else field.spec(LOOKS_ALIKE).grid
     camera, time = cell_camera(path[frame], grid), float(path.times[frame])

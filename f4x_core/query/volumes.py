@@ -12,7 +12,7 @@ MOMENTS = 16
 
 
 def inside_cube(scene: Scene, cube_from_scene: np.ndarray) -> np.ndarray:
-    """(N,) bool: Gaussians whose centers are within the cube from -1 to 1, at any time of the clip.
+    """Return the Gaussians (N,) bool whose centers are within the cube from -1 to 1, at any time of the clip.
 
     `cube_from_scene`: (4,4) affine matrix from the scene's axes to the cube's own.
     """

@@ -88,7 +88,7 @@ class Asked:
     """What is left out: "What is the biggest thing apart from the wall?"."""
 
     def yes(self, so: bool) -> str:
-        """Yes or No where one is wanted, by whether what it asks about (without the negation) is so."""
+        """Return Yes or No where one is wanted; `so`: what it asks about, without the negation, is true."""
         return "" if not self.polar else "Yes" if so != self.negated else "No"
 
 
@@ -163,14 +163,14 @@ class _Shown(Clip):
 
 
 def _label_end(reading: Reading, at: int) -> int:
-    """Where the longest label ends that stands at a word; 0 where none does."""
+    """Return the end of the longest label that begins at a word; 0 where none does."""
     words = reading.words[at : at + reading.longest]
     whole = (n for n in range(len(words), 0, -1) if (*words[: n - 1], singular(words[n - 1])) in reading.known)
     return next((at + n for n in whole), 0)
 
 
 def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
-    """The names that begin at a word, the longest first; `it` for a pronoun."""
+    """Yield (end, name) of those that begin at a word, the longest first; `it` for a pronoun."""
     begins = [at, *_ARTICLE.at(reading, at)]
     for start in sorted(begins, reverse=True):
         ends, label = [], _label_end(reading, start)
@@ -207,7 +207,7 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 def _names_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[str, ...]]]:
-    """The lists of names that begin at a word, the longest first: "the dog, the cat or a bird"."""
+    """Yield (end, names) of the lists that begin at a word, the longest first: "the dog, the cat or a bird"."""
     found: list[tuple[int, tuple[str, ...]]] = []
     front = list(_name.at(reading, at).items())
     while front:
@@ -245,7 +245,7 @@ def _span_at(reading: Reading, at: int) -> Iterator[tuple[int, Span]]:
 
 
 def _beside(name: str, links: str = "") -> Rule:
-    """A cue with the things behind it: (value of the cue, names)."""
+    """Return the rule of a cue with the things behind it: (value of the cue, names)."""
     link = ~cue(links) if links else NOTHING
     return either(CUES[name] + link + _whom >> (lambda *found: (found[0] if len(found) > 1 else name, found[-1])))
 
@@ -255,7 +255,7 @@ _before_article = here(lambda reading, at: reading.word(at) in ("the", "a", "thi
 
 
 def _aside_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
-    """What adds nothing where it stands: a tag behind the question, a remark before or behind it."""
+    """Yield the end of words that add nothing: a tag behind the question, a remark before or behind it."""
     words = [token.text for token in reading.tokens]
     if len(words) in CUES["tag"].at(reading, at):
         yield len(words), None
@@ -368,7 +368,7 @@ _ASKING_WORDS = {*_NO_NAMES, *SPELLING} - {"looking"}  # in "what am I looking a
 
 
 def plainly(question: str, selected: bool = False) -> str:
-    """A question in lower case, in the language's own spelling and without courtesies; `selected`: "the selection" is it."""
+    """Return a question in lower case, in the language's own spelling, without courtesies; `selected`: "the selection" is it."""
     text = " ".join(written(question).lower().replace("’", "'").split())
     text = re.sub(r"[a-z]+", lambda word: " ".join(CONTRACTIONS.get(word[0], (SPELLING.get(word[0], word[0]),))), text)
     text = _THE_SELECTION.sub("it", text) if selected else text
@@ -421,7 +421,7 @@ _TOPIC_BEHIND = re.compile(r"(?P<question>.*\b(?:it|they|he|she)\b.*?), *(?P<top
 
 
 def _topic(text: str) -> tuple[tuple[str, ...], str]:
-    """What is named before a question about "it", and the question: "I can't find the lamp, where is it?"."""
+    """Return (names before a question about "it", the question): "I can't find the lamp, where is it?"."""
     match = _TOPIC.fullmatch(text) or _TOPIC_BEHIND.fullmatch(text)
     if match is None or _IT.isdisjoint(match["question"].split()):
         return (), text
@@ -449,13 +449,13 @@ def _read(text: str, clip: _Shown, it: tuple[str, ...]) -> list[Asked]:
 
 
 def _mended(word: str) -> str:
-    """The word of questions that was probably meant, or the word itself, where it is another one with an ending: "party"."""
+    """Return the word of questions that was probably meant, or `word` where it is another one with an ending: "party"."""
     meant = misspelt(word, _ASKING_WORDS)
     return word if meant is None or word in (meant + "y", meant + "ing", meant + "ed", meant + "er") else meant
 
 
 def _understood(text: str, clip: _Shown, it: tuple[str, ...], below: int = _UNKNOWN) -> Asked | None:
-    """The likeliest question, of those that cost less than `below`."""
+    """Return the likeliest question, of those that cost less than `below`."""
     text = re.sub(r"^((?:and |but |so )?(?:is|are|was|were|do|does|did|has|have|can|could))n't\b", r"\1", text)
     reading = Reading(text, clip.known)  # "Isn't it moving?" wants the same yes as "Is it moving?"
     cost, asked = next(_readings(reading, clip, it), (below, None))
@@ -466,7 +466,7 @@ def _understood(text: str, clip: _Shown, it: tuple[str, ...], below: int = _UNKN
 
 
 def _readings(reading: Reading, clip: _Shown, it: tuple[str, ...]) -> Iterator[tuple[float, Asked]]:
-    """(cost, question) of every row that covers the sentence, the cheapest first."""
+    """Yield (cost, question) of every row that covers the sentence, the cheapest first."""
     matches = matches_of(_slots, frozenset(), reading)
     gaps = [_gaps(reading, at) for at in range(len(reading.tokens))]
     found_by = (
@@ -479,7 +479,7 @@ def _readings(reading: Reading, clip: _Shown, it: tuple[str, ...]) -> Iterator[t
 
 
 def _gaps(reading: Reading, at: int) -> dict[int, int]:
-    """Where what adds nothing ends that begins at a word, and the cost: the fewer words are left out, the likelier a reading."""
+    """Return the ends of words at `at` that add nothing and their costs: the fewer are left out, the likelier a reading."""
     ends = {end: end - at for end in (*_aside.at(reading, at), *CUES["filler"].at(reading, at))}
     word = reading.word(at)
     if word in EMPTY and at + 1 < len(reading.tokens):  # at its end it asks: "what does it look like"
@@ -492,7 +492,7 @@ def _gaps(reading: Reading, at: int) -> dict[int, int]:
 
 
 def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) -> Asked | None:
-    """The question of a row whose slots are filled; None where they do not go together."""
+    """Return the question of a row whose slots are filled; None where they do not go together."""
     if row.kind == "what_is":
         return Asked(row.kind, it) if it else None
     joined = next((found[slot] for slot in _JOINED if slot in found), ("", ()))
@@ -561,7 +561,7 @@ _SURFACES = word_set("fur coat skin hide feathers plumage fleece wool paint pain
 
 
 def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
-    """`things` with what "it" and "the back one" stand for."""
+    """Return `things` with what "it" and "the back one" stand for."""
     names: list[str] = []
     for thing in things:
         first, _, last = thing.rpartition(" ")
@@ -575,7 +575,7 @@ def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _refusal(text: str, clip: _Shown, it: tuple[str, ...]) -> F4xError:
-    """Why nothing is computed: the word that is not known, or what the question is about."""
+    """Return why nothing is computed: the unknown word, or the subject of the question."""
     words = re.findall(r"[^\W\d_]+", text)
     if not it and not _PRONOUNS.isdisjoint(words) and _understood(text, clip, ("it",)):
         return Unanswerable(f"Nothing is selected or was named before that 'it' could be; {INSTEAD}.")
@@ -591,7 +591,7 @@ def _refusal(text: str, clip: _Shown, it: tuple[str, ...]) -> F4xError:
 
 
 def _frames(span: Span, clip: _Shown) -> tuple[float, float]:
-    """First and last clip frame of a span, of a moment twice the same."""
+    """Return the first and last clip frame of a span, of a moment twice the same."""
     last = clip.frames - 1
     first = span.start.resolve(clip)
     if span.kind == "by" and span.end:  # where it has got to by then

@@ -278,8 +278,10 @@ def _about_what_moves(metrics: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def fair_psnr(row: Mapping[str, Any]) -> float:
-    """PSNR of a frame of the metrics, with its registered camera where it was held out: an interpolated one blames the scene
-    for the hand that shook."""
+    """Return the PSNR of a frame of the metrics, with its registered camera where it was held out.
+
+    The interpolated camera blames the scene for the hand that shook.
+    """
     return float(row.get("psnr_registered", row["psnr"]))
 
 
@@ -466,9 +468,7 @@ def _about_depth(priors: Priors) -> Iterator[Finding]:
     unknown = float(np.mean(~np.isfinite(priors.depth)))
     if unknown > UNKNOWN_DEPTH:
         yield problem(
-            f"{unknown:.0%} of the pixels have no depth.",
-            "Give depth with --prior depth=DIR.",
-            cause=unmeasured,
+            f"{unknown:.0%} of the pixels have no depth.", "Give depth with --prior depth=DIR.", cause=unmeasured
         )
     background = "The depth of the background"
     regions = {background: None if priors.mask is None else ~priors.mask, MOVING_DEPTH: priors.mask}

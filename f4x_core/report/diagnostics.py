@@ -92,11 +92,7 @@ def render_previews(scene: Scene, metrics: Mapping[str, Any], backend: str = "au
 
 
 def write_diagnostics(
-    path: Path | str,
-    clip: Clip,
-    result: FitResult,
-    metrics: Mapping[str, Any],
-    images: ScenePreviews,
+    path: Path | str, clip: Clip, result: FitResult, metrics: Mapping[str, Any], images: ScenePreviews
 ) -> list[Finding]:
     """Write the page atomically; returns what it says about why the scene is as it is.
 
@@ -105,7 +101,7 @@ def write_diagnostics(
         clip: the clip that was fitted.
         result: what the fit left.
         metrics: the result of `evaluation.evaluate.evaluate`: its means, and rows of single frames under `frames`.
-        pictures: the scene's worst frames and its views aside.
+        images: the scene's worst frames and its views aside.
 
     Raises:
         F4xError: the file cannot be written.
@@ -119,10 +115,7 @@ def write_diagnostics(
         ("Why the scene is as it is, and what you can supply", finding_boxes(found)),
         ("Geometry", geometry_section(result, ClipGeometry.of(priors, scaffold), images.moments)),
         ("Scores", _scores(metrics) + page.plots([frame_scores(metrics), _quality_curve(result.history)])),
-        (
-            "What the clip needed",
-            needs_table(result.scene.needs),
-        ),
+        ("What the clip needed", needs_table(result.scene.needs)),
         ("Worst frames: input, render, error", _worst(clip, metrics, images.worst)),
         ("What moves: score and mask", _motion(clip, priors, shown)),
         ("Tracks", page.plots([_survival(priors)])),
@@ -316,7 +309,7 @@ def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iter
 
 
 def frame_scores(metrics: Mapping[str, Any], shared: Iterable[tuple[int, int]] = ()) -> str:
-    """Plot (SVG) of the PSNR of every frame, held-out ones with their registered cameras.
+    """Plot (SVG) the PSNR of every frame, held-out ones with their registered cameras.
 
     `shared` (first frame, end) are frames of two windows, which are shaded.
     """

@@ -13,7 +13,7 @@ from ..metrics.believed import Believed, believed_degrees, depth_evidence
 from ..metrics.viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
 from ..metrics.way_round import WayRound
 from ..priors import Priors
-from ..priors.camera_problem import static_tracks
+from ..priors.point_tracks import PointTracks
 from ..scaffold import Scaffold
 from .finding import MOVING_DEPTH, PATH, Finding, Weight, caused_by, good, note, problem
 
@@ -140,7 +140,7 @@ def _about_path(priors: Priors, geometry: ClipGeometry) -> Iterator[Finding]:
 
 
 def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
-    """Finding about a camera that stands: its depth is a guess, from what, and how far aside it holds."""
+    """Return the finding about a static camera: the source of its guessed depth, and how far aside it holds."""
     guess = priors.statistics.get("depth", {}).get("guess")
     jitter = priors.statistics.get("cameras", {}).get("standing", {}).get("jitter_px")
     shift = f" (the picture shifts by {jitter:.1f} px)" if jitter is not None else ""
@@ -158,9 +158,7 @@ def _about_standing(priors: Priors, geometry: ClipGeometry) -> Finding:
             f" Views hold within about {degrees:.{1 if degrees < 2 else 0}f}° aside; beyond, things shift as guessed."
         )
     return Finding(
-        "problem",
-        sentence,
-        "Walk sideways by half a metre while filming, or give depth with --prior depth=DIR.",
+        "problem", sentence, "Walk sideways by half a metre while filming, or give depth with --prior depth=DIR."
     )
 
 
@@ -182,10 +180,10 @@ def _about_bump(priors: Priors) -> Iterator[Finding]:
 
 def _track_steps(priors: Priors) -> np.ndarray:
     """Return the median shift of static tracks between supervised frames, `(F - 1,)` pixels, NaN where none is seen in both."""
-    tracks, visible, static = static_tracks(priors)
+    tracks, seen = PointTracks.of(priors).uv, PointTracks.of(priors).seen
     steps = np.full(max(len(tracks) - 1, 0), np.nan)
     for row in range(len(steps)):
-        both = visible[row] & visible[row + 1] & static
+        both = seen[row] & seen[row + 1]
         if both.any():
             steps[row] = np.median(np.linalg.norm(tracks[row + 1, both] - tracks[row, both], axis=-1))
     return steps

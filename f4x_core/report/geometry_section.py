@@ -105,7 +105,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _movers(movers: Sequence[Mapping[str, Any]]) -> str:
-    """HTML table of what decided the depth of each moving object."""
+    """Return an HTML table of the clue that decided the depth of each moving object."""
     if not movers:
         return ""
     rows = []
@@ -127,7 +127,7 @@ def _frames_seen(mover: Mapping[str, Any]) -> int:
 
 
 def _over_ground(mover: Mapping[str, Any]) -> str:
-    """Plot (SVG) of a mover's depth over the frames and of the ground below it, with dots where it touches the ground."""
+    """Plot (SVG) a mover's depth over the frames and the ground below it, with dots where it touches the ground."""
     if not _frames_seen(mover):
         return ""
     path = mover["over_time"]
@@ -162,7 +162,7 @@ def _views(moments: Sequence[Moment]) -> str:
 
 
 def profile_plot(result: FitResult) -> str:
-    """Camera path and static Gaussians in their colours, from above and from the side, in the axes of the middle camera (SVG)."""
+    """Plot (SVG) the camera path and the static Gaussians from above and from the side, in the axes of the middle camera."""
     cameras = result.scene.cameras
     middle = cameras[len(cameras) // 2]
     turn, shift = middle.world_to_camera[:3, :3], middle.world_to_camera[:3, 3]

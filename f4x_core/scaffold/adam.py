@@ -104,10 +104,7 @@ class Adam:
         tensors = [group["params"][0] for group in self.param_groups]
         self._problems.clear()
         self.state = {
-            tensors[place]: {
-                "step": int(state["step"]),
-                **{name: state[name].clone() for name in MOMENTS},
-            }
+            tensors[place]: {"step": int(state["step"]), **{name: state[name].clone() for name in MOMENTS}}
             for place, state in saved["state"].items()
         }
 

@@ -52,12 +52,7 @@ def densify_nodes(
 
 
 def rebase_local(
-    local_xyz: Array,
-    local_quat: Array,
-    reference: Array,
-    old_attach: Array,
-    new_attach: Array,
-    nodes: NodePoses,
+    local_xyz: Array, local_quat: Array, reference: Array, old_attach: Array, new_attach: Array, nodes: NodePoses
 ) -> tuple[Array, Array]:
     """Return `(local_xyz (N, 3), local_quat (N, 4))` in the frames of `new_attach (N,)`; the world pose stays.
 

@@ -178,7 +178,7 @@ def _carried(xyz: np.ndarray, certain: np.ndarray, carriers: int) -> tuple[np.nd
 
 
 def _outliers(points: np.ndarray, config: LiftingConfig) -> np.ndarray:
-    """Statistical outlier removal as in Open3D: mean neighbour distance above mean + ratio * std of all such means."""
+    """Return outliers (n,) bool as in Open3D: mean neighbour distance above mean + ratio * std of all such means."""
     from scipy.spatial import cKDTree
 
     if len(points) <= config.outlier_neighbours:

@@ -144,7 +144,7 @@ def smoothness_losses(xyz: torch.Tensor, quat: torch.Tensor, times: torch.Tensor
 
 
 def _norm(x: torch.Tensor) -> torch.Tensor:
-    """L2 norm over the last axis with gradient 0 at 0."""
+    """Return the L2 norm over the last axis, with gradient 0 at 0."""
     squared = (x * x).sum(dim=-1)
     positive = squared > 0
     return torch.where(positive, torch.where(positive, squared, 1.0).sqrt(), 0.0)

@@ -100,6 +100,11 @@ def optimise_geometry(
     smooth = config.velocity, config.acceleration, config.angular_velocity, config.angular_acceleration
     weights = MotionWeights(config.coordinate, config.length, *smooth)
     generator = np.random.default_rng(config.seed)
+
+    def placed() -> torch.Tensor:
+        """Return the positions (F, M, 3), those observed held in place where they are certain."""
+        return torch.where(certain, start, xyz) if config.certain == "hard" else xyz
+
     for step in range(config.steps):
         if step % config.redraw == 0:
             levels = multilevel_edges(distance, scaffold.unit, config.graph, config.seed + step)
@@ -109,23 +114,16 @@ def optimise_geometry(
             group["lr"] = config.learning_rate * _decay(step / config.steps, config)
         first = int(generator.integers(0, max(frames - config.window, 0) + 1))
         window = slice(first, first + config.window)
-        x = torch.where(certain, start, xyz) if config.certain == "hard" else xyz
-        loss = motion_loss(x[window], quat[window], times[window], terms)
+        loss = motion_loss(placed()[window], quat[window], times[window], terms)
         if config.certain == "soft":
             loss = loss + config.certain_weight * spring.energy(xyz - start) / held
         loss.backward()
         optimiser.step()
         if step % 10 == 0 or step == config.steps - 1:
             progress("scaffold geometry", step + 1, config.steps, f"loss {loss.item():.5f}")
-    with torch.no_grad():
-        final = torch.where(certain, start, xyz) if config.certain == "hard" else xyz
+    poses = {"xyz": placed(), "quat": quaternion.normalize(quat.detach())}
     return with_graph(
-        replace(
-            scaffold,
-            xyz=final.detach().numpy().copy(),
-            quat=quaternion.normalize(quat.detach()).numpy().copy(),
-        ),
-        config.graph,
+        replace(scaffold, **{name: pose.detach().numpy().copy() for name, pose in poses.items()}), config.graph
     )
 
 

@@ -11,10 +11,7 @@ _UNCERTAIN_WEIGHT = 1e-2
 
 
 def initial_rotations(
-    neighbours: np.ndarray,
-    edge_mask: np.ndarray,
-    points: np.ndarray,
-    certain: np.ndarray | None = None,
+    neighbours: np.ndarray, edge_mask: np.ndarray, points: np.ndarray, certain: np.ndarray | None = None
 ) -> np.ndarray:
     """Return node rotations `(F, M, 4)` float64 wxyz, identity at the first frame, continuous in time.
 

@@ -165,11 +165,7 @@ def choose_nodes(
 
 
 def scaffold_of(
-    lifted: LiftedTracks,
-    index: np.ndarray,
-    times: np.ndarray,
-    unit: float,
-    config: SelectionConfig | None = None,
+    lifted: LiftedTracks, index: np.ndarray, times: np.ndarray, unit: float, config: SelectionConfig | None = None
 ) -> Scaffold:
     """Return the scaffold whose nodes are the tracks `index (M,)`, turned by the tracks around them."""
     config = config or SelectionConfig()
@@ -208,10 +204,7 @@ def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPat
     attach = attach_nodes(start, reference, scaffold.xyz)
     neighbours = scaffold.neighbours[attach]
     skinning = skinning_weights(
-        start,
-        scaffold.xyz[reference[:, None], neighbours],
-        scaffold.radius[neighbours],
-        scaffold.edge_mask[attach],
+        start, scaffold.xyz[reference[:, None], neighbours], scaffold.radius[neighbours], scaffold.edge_mask[attach]
     )
     pairs = pairs_of(neighbours, reference)
     total = np.zeros(len(lifted))

@@ -24,12 +24,7 @@ class SkinningWeights(NamedTuple):
 
 
 def skinning_weights(
-    x: Array,
-    node_x: Array,
-    radius: Array,
-    mask: Array,
-    dw: Array | None = None,
-    kernel: Kernel = "sigma",
+    x: Array, node_x: Array, radius: Array, mask: Array, dw: Array | None = None, kernel: Kernel = "sigma"
 ) -> SkinningWeights:
     """Return the skinning weights of N points, K neighbours each.
 

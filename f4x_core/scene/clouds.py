@@ -182,13 +182,7 @@ class Composite:
         from ..raster import rasterize
 
         out = rasterize(
-            self.splats,
-            self.channels,
-            self.camera,
-            config=self.config,
-            backend=backend,
-            limit=limit,
-            rows=rows,
+            self.splats, self.channels, self.camera, config=self.config, backend=backend, limit=limit, rows=rows
         )
         channels, alpha, depth = (np.asarray(one, np.float32) for one in (out.channels, out.alpha, out.depth))
         parts = np.split(channels, np.cumsum([*self.widths.values()])[:-1], axis=-1) if self.widths else []

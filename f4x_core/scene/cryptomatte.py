@@ -17,7 +17,7 @@ _WORD = 0xFFFFFFFF
 
 
 def murmur3(data: bytes) -> int:
-    """MurmurHash3_x86_32 with seed 0 (Appleby 2011)."""
+    """Return MurmurHash3_x86_32 with seed 0 (Appleby 2011)."""
     value, whole = 0, len(data) & ~3
     words = [*np.frombuffer(data[:whole], "<u4").tolist(), int.from_bytes(data[whole:], "little")]
     for number, word in enumerate(words):

@@ -173,7 +173,7 @@ class FeatureField:
         )
 
     def spec(self, name: str) -> FeatureSpec:
-        """Meaning of the features of a head."""
+        """Return the meaning of the features of a head."""
         return self.head(name).spec
 
     def decode(self, name: str, latent: np.ndarray) -> np.ndarray:

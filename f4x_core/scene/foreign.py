@@ -157,7 +157,7 @@ def _read_ply_scene(path: Path, name: str, offset: np.ndarray | None = None) -> 
 
 
 def _framing(splats: Splats) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Intrinsics (1,3,3), world_to_camera (1,4,4) and times (1,) of a camera that looks along z at all that is seen."""
+    """Return intrinsics (1,3,3), world_to_camera (1,4,4) and times (1,) of a camera that looks along z at all visible splats."""
     if not np.isfinite(splats.means).all():
         raise F4xError("some positions are infinite, or beyond what float32 holds; clean it in a splat editor")
     seen = splats.opacities >= SEEN

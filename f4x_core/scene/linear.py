@@ -58,7 +58,7 @@ def linear_look(scene: Scene) -> Look:
 
 
 def fitted_look(scene: Scene) -> Look:
-    """Scales, opacities and colours of the unedited scene as they were fitted, for the rasterizer's rule."""
+    """Return scales, opacities and colors of the unedited scene as fitted, for the rasterizer's rule."""
     opacities, sh = scene.base.full_appearance
     return Look(np.concatenate([held.scales for _, held in _parts(scene)]), opacities, sh[:, 0])
 
@@ -86,7 +86,7 @@ def linear_scene(scene: Scene) -> Scene:
 
 
 def footprint(scene: Posable) -> np.ndarray:
-    """(N,) float32 standard deviation in world units, in the order of `posed`, of the footprint where the clip saw each Gaussian.
+    """Return (N,) float32, in the order of `posed`, the std in world units of the footprint where the clip saw each Gaussian.
 
     The footprint is `sqrt(blur)` pixels of the fitted pictures; `z / f` of those cameras in whose picture a Gaussian was, the
     median, turns it into world units. 0 where it is not known how the Gaussians were fitted.
@@ -115,7 +115,7 @@ def with_footprint(posed: PosedSplats, footprint: np.ndarray) -> PosedSplats:
 
 
 def widened(scales: np.ndarray, footprint: np.ndarray) -> np.ndarray:
-    """Scales (N,3) with a footprint (N,) in them: `sqrt(s^2 + w^2)`. Opacities stay as they are, as in the rasterizer's rule."""
+    """Return scales (N,3) with a footprint (N,) in them, `sqrt(s^2 + w^2)`; opacities stay, as in the rasterizer's rule."""
     wide: np.ndarray = np.hypot(scales, footprint[:, None])
     return wide.astype(np.float32)
 
@@ -160,7 +160,7 @@ class Fitted:
 
 
 def _depth(opacities: np.ndarray) -> np.ndarray:
-    """Optical depth in float64."""
+    """Return the optical depth in float64."""
     depth: np.ndarray = -np.log1p(-np.minimum(opacities.astype(np.float64), SOLID))
     return depth
 

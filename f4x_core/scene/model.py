@@ -71,7 +71,7 @@ WEIGHT_SUM_TOLERANCE = 1e-3
 
 
 def empty_arrays(layout: Mapping[str, tuple[str, tuple]], **lengths: int) -> dict[str, np.ndarray]:
-    """Arrays of `layout` with the given axis lengths (N = 0 by default), for empty sets."""
+    """Return arrays of `layout` with the given axis lengths (N = 0 by default), for empty sets."""
     return {
         name: np.zeros([axis if isinstance(axis, int) else lengths.get(axis, 0) for axis in axes], dtype)
         for name, (dtype, axes) in layout.items()
@@ -382,11 +382,16 @@ class Scene:
         return move_gaussians(table, index, weight, strength, means, quats)
 
     def fitted_focal(self, time: float) -> float | None:
-        """Focal length in pixels of the images that were fitted, at clip time `time` (`RasterConfig.as_fitted`).
+        """Return the focal length in pixels of the fitted images at clip time `time` (`RasterConfig.as_fitted`).
 
         None for a scene that was imported from a splat file: how that was fitted is not known.
         """
-        return None if "import" in self.provenance else self.cameras.at(time).focal
+        return None if self.is_foreign else self.cameras.at(time).focal
+
+    @property
+    def is_foreign(self) -> bool:
+        """True for splats of another program, which no clip shows."""
+        return "import" in self.provenance
 
     def latents(self) -> np.ndarray:
         """Return (N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""

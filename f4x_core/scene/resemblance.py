@@ -13,7 +13,7 @@ ALIKE = 0.7
 
 
 def resemblance(scene: Scene, time: float, brightness: np.ndarray) -> float:
-    """Correlation, -1 to 1, of a frame's `brightness (H,W)` with that of the scene at clip `time`; 0 where one is uniform.
+    """Return the correlation of a frame's `brightness (H,W)` with that of the scene at clip `time`; 0 where one is uniform.
 
     Bars that were cut off the clip are cut off here, too.
     """

@@ -148,7 +148,7 @@ def refuse_too_large(textures: SplatTextures, limit: int) -> None:
 
 
 def triangle_vertices(surfaces: Sequence[Surface]) -> dict[str, np.ndarray]:
-    """Surfaces as a list of corners: `pos (3 T,3)`, `normal (3 T,3)` of any length, `color (3 T,4)` sRGB; float32.
+    """Return surfaces as corners: `pos (3 T,3)`, `normal (3 T,3)` of any length, `color (3 T,4)` sRGB; float32.
 
     A holdout shows black. An image is seen at the corners alone, and what glows as if it were lit.
     """

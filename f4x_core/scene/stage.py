@@ -226,7 +226,7 @@ def _tall_bands(rows: slice, width: int) -> Iterator[slice]:
 
 
 def _bands(rows: slice, width: int) -> Iterator[slice]:
-    """`rows` in parts that each take about `PAUSE` seconds, by how long the last one took; none is above `TALLEST`."""
+    """Yield `rows` in parts that each take about `PAUSE` seconds, by the time of the last one, at most `TALLEST` high."""
     first, count = rows.start, max(1, BAND // width)
     while first < rows.stop:
         start = time.perf_counter()

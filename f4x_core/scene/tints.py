@@ -100,7 +100,7 @@ def quantized(tint: np.ndarray) -> np.ndarray:
 
 
 def tinted(sh: np.ndarray, tint: np.ndarray) -> np.ndarray:
-    """Harmonics (n,S,3) with `tint (n,3)` added to their color."""
+    """Return harmonics (n,S,3) with `tint (n,3)` added to their color."""
     changed = sh.copy()
     changed[:, 0] += tint / np.float32(spherical_harmonics.C0)
     return changed

@@ -77,10 +77,7 @@ def colour_motion(motion: np.ndarray, largest: float) -> np.ndarray:
 
 
 def labelled_grid(
-    rows: Sequence[Sequence[np.ndarray]],
-    frames: Sequence[str],
-    column_names: Sequence[str],
-    marked: int | None = None,
+    rows: Sequence[Sequence[np.ndarray]], frames: Sequence[str], column_names: Sequence[str], marked: int | None = None
 ) -> Image.Image:
     """Return the pictures of one size (H,W,3) uint8 in a grid with labels; wide ones are shrunk to `CELL_WIDTH`. Needs Pillow.
 

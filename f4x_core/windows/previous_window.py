@@ -240,7 +240,7 @@ class PreviousWindow:
         return render(seen_from(self.scene, [(camera, time)]), camera, time, ("depth", "alpha"), backend)
 
     def _ground(self, camera: Camera, backend: str) -> dict[str, np.ndarray]:
-        """Colour, depth and alpha of all the background so far."""
+        """Return color, depth and alpha of all the background so far."""
         scene = Scene("ground", self.scene.static, self.scene.cameras)
         return render(seen_from(scene, [(camera, 0.0)]), camera, 0.0, ("rgb", "depth", "alpha"), backend)
 
@@ -342,7 +342,7 @@ class WindowFit(ClipFit):
     whole: bool = False
 
     def settings_hash(self) -> str:
-        """Depends on the window before, too."""
+        """Return a hash of the settings and of the previous window."""
         return config_hash(super().settings_hash(), self.previous.digest)
 
     def known_depth(self) -> np.ndarray:

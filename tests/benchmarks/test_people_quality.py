@@ -59,7 +59,7 @@ def found(truth) -> Priors:
         "toy",
     )
     priors = Priors.empty(clip)
-    priors.scratch["truth"] = truth
+    priors.scratch.of_providers["truth"] = truth
     provide_people(clip, priors, PriorsConfig(), silent)
     return priors
 

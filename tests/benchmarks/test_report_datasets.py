@@ -9,13 +9,7 @@ import pytest
 from data_sets import HIDDEN, UNIT, keypoints, toy, write_dycheck, write_nerfies, write_nvidia
 from scipy.signal import convolve2d
 
-from benchmarks.quality.image_metrics import (
-    masked_psnr,
-    masked_ssim,
-    psnr_bytes,
-    score_confusion,
-    ssim_bytes,
-)
+from benchmarks.quality.image_metrics import masked_psnr, masked_ssim, psnr_bytes, score_confusion, ssim_bytes
 from benchmarks.studies import datasets, protocols
 from benchmarks.studies.novel import measured_width, read_keypoints, read_novel_cameras
 from benchmarks.studies.protocols import (

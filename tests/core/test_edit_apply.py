@@ -12,15 +12,7 @@ from hypothesis import given, settings
 from labelled_scene import labelled_scene
 from random_scene import arrays_of, assert_same, random_scene
 
-from f4x_core.edit.apply import (
-    KEPT_MOMENTS,
-    base_of,
-    edited,
-    next_id,
-    open_scene,
-    pivot_of,
-    with_operations,
-)
+from f4x_core.edit.apply import KEPT_MOMENTS, base_of, edited, next_id, open_scene, pivot_of, with_operations
 from f4x_core.edit.colours import colours_of, lab_from_rgb, rgb_from_lab
 from f4x_core.edit.operations import (
     SHOWN,

@@ -7,13 +7,7 @@ from typing import get_args
 import pytest
 from stub_server import client, saying, stub_server
 
-from f4x_core.edit.endpoint import (
-    EXAMPLES,
-    ask_for_operations,
-    ask_json,
-    first_object,
-    plain_words,
-)
+from f4x_core.edit.endpoint import EXAMPLES, ask_for_operations, ask_json, first_object, plain_words
 from f4x_core.edit.operations import (
     Blur,
     Delete,

@@ -12,12 +12,10 @@ transformers = pytest.importorskip("transformers")
 
 import tiny_models  # noqa: E402
 
-from benchmarks.speed.sam2_bypass import compare_bypass  # noqa: E402
 from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.memory import memory_guard  # noqa: E402
 from f4x_core.features.models import CHECKPOINTS, depth, loading, sam2, smolvlm, textimage  # noqa: E402
-from f4x_core.features.models.prompt import check_frame, check_prompt  # noqa: E402
 from f4x_core.features.precomputed import LAYOUTS  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor  # noqa: E402
 from f4x_core.features.teachers import TEACHERS  # noqa: E402
@@ -28,8 +26,6 @@ from f4x_core.priors.providers import find  # noqa: E402
 from f4x_core.progress import silent  # noqa: E402
 
 FRAMES = np.random.default_rng(0).integers(0, 255, (5, 48, 64, 3), dtype=np.uint8)
-SIZE = (32, 32)
-"""The tiny SAM 2's own mask size: its logits come through unresized."""
 
 
 @pytest.fixture(scope="session")
@@ -47,18 +43,14 @@ def tiny(tmp_path_factory):
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Counts how often the two expensive towers run."""
-    count = SimpleNamespace(sam2=0, smolvlm=0)
-    for name, tower in (
-        ("sam2", transformers.models.sam2.modeling_sam2.Sam2VisionModel),
-        ("smolvlm", transformers.models.smolvlm.modeling_smolvlm.SmolVLMVisionTransformer),
-    ):
+    """Counts how often the expensive tower runs."""
+    count, tower = SimpleNamespace(smolvlm=0), transformers.models.smolvlm.modeling_smolvlm.SmolVLMVisionTransformer
 
-        def forward(self, *args, _name=name, _forward=tower.forward, **options):
-            setattr(count, _name, getattr(count, _name) + 1)
-            return _forward(self, *args, **options)
+    def forward(self, *args, _forward=tower.forward, **options):
+        count.smolvlm += 1
+        return _forward(self, *args, **options)
 
-        monkeypatch.setattr(tower, "forward", forward)
+    monkeypatch.setattr(tower, "forward", forward)
     return count
 
 
@@ -72,146 +64,6 @@ def levels(tiny):
     return {head: np.stack([teacher.encode(frame) for frame in FRAMES]) for head, teacher in teachers.items()}
 
 
-@pytest.fixture(scope="session")
-def bypass(tiny):
-    return sam2.load_sam2(tiny("sam2"))
-
-
-def decoder(bypass, levels, skips=True, size=SIZE):
-    fine = (lambda t: (levels["sam2_s0"][t], levels["sam2_s1"][t])) if skips else None
-    return sam2.Sam2MaskDecoder(bypass, levels["sam2"].__getitem__, len(FRAMES), size, fine)
-
-
-def pixel_path(model, t, points=None, labels=None, box=None, mask=None):
-    """Frame -> logits of the unchanged model on the frames themselves, called as its documentation says."""
-    side = model.image_size
-    video = torch.cat([image_tensor(frame, (side, side), IMAGENET_MEAN, IMAGENET_STD) for frame in FRAMES])
-    session = transformers.Sam2VideoInferenceSession(
-        video=video, video_height=SIZE[0], video_width=SIZE[1], dtype=torch.float32
-    )
-    index = session.obj_id_to_idx(1)
-    if mask is not None:
-        full = torch.from_numpy(mask[None, None].astype(np.float32))
-        full = torch.nn.functional.interpolate(full, (side, side), mode="bilinear", antialias=True) >= 0.5
-        session.add_mask_inputs(index, t, full.float())
-    else:
-        xy = ([] if box is None else np.reshape(box, (2, 2)).tolist()) + ([] if points is None else list(points))
-        kinds = ([] if box is None else [2, 3]) + ([] if points is None else list(labels))
-        place = torch.tensor(xy).reshape(1, 1, -1, 2).float() / SIZE[0] * side
-        session.add_point_inputs(
-            index, t, {"point_coords": place, "point_labels": torch.tensor(kinds, dtype=torch.int32)[None, None]}
-        )
-    session.obj_with_new_inputs.append(1)
-    model(session, frame_idx=t)
-    found = {out.frame_idx: out.pred_masks for out in model.propagate_in_video_iterator(session, start_frame_idx=t)}
-    for out in model.propagate_in_video_iterator(session, start_frame_idx=t, reverse=True):
-        found.setdefault(out.frame_idx, out.pred_masks)
-    return {frame: logits[0, 0].numpy() for frame, logits in found.items()}
-
-
-MASK = np.zeros(SIZE, bool)
-MASK[8:20, 5:17] = True
-PROMPTS = {
-    "point": {"points": [[12.0, 9.5]], "labels": [1]},
-    "points": {"points": [[12.0, 9.5], [20.0, 25.0], [3.0, 3.0]], "labels": [1, 1, 0]},
-    "box": {"box": [4.0, 6.0, 25.0, 20.0]},
-    "box and point": {"box": [4.0, 6.0, 25.0, 20.0], "points": [[10.0, 10.0]], "labels": [0]},
-    "mask": {"mask": MASK},
-}
-
-
-@pytest.mark.parametrize("name", PROMPTS)
-def test_sam2_from_its_own_features_equals_the_pixel_path_and_never_encodes(name, tiny, levels, bypass, calls):
-    expected = pixel_path(transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval(), 2, **PROMPTS[name])
-    assert calls.sam2 >= len(FRAMES)
-    calls.sam2 = 0
-    masks = decoder(bypass, levels)
-    first = masks.prompt(2, **PROMPTS[name])
-    found = dict(masks.propagate())
-    assert calls.sam2 == 0
-    assert not hasattr(bypass, "vision_encoder")
-    assert list(found) == [2, 3, 4, 1, 0]
-    assert np.abs(first - expected[2]).max() <= 1e-5
-    assert max(np.abs(found[t] - expected[t]).max() for t in expected) <= 1e-5
-    assert np.std([found[t] for t in found]) > 0.1  # random weights do say something
-
-
-def test_the_benchmark_tells_the_error_and_counts_the_encoder(tiny):
-    told = compare_bypass(FRAMES[:2], tiny("sam2"))
-    assert told["logits_error"] <= 1e-5 < 0.1 < told["logits_spread"]
-    assert (told["frames"], told["pixel_encoder_calls"], told["bypass_encoder_calls"]) == (2, 2, 0)
-
-
-def test_zero_skips_equal_a_pixel_path_whose_fine_levels_are_silent(tiny, levels, bypass):
-    model = transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval()
-    with torch.no_grad():
-        for convolution in (model.mask_decoder.conv_s0, model.mask_decoder.conv_s1):
-            convolution.weight.zero_()
-            convolution.bias.zero_()
-    expected = pixel_path(model, 1, **PROMPTS["point"])
-    masks, full = decoder(bypass, levels, skips=False), decoder(bypass, levels)
-    assert (masks.skips, full.skips) == ("zero", "distilled")
-    assert np.abs(masks.prompt(1, **PROMPTS["point"]) - full.prompt(1, **PROMPTS["point"])).max() > 1e-2
-    found = dict(masks.propagate())
-    assert max(np.abs(found[t] - expected[t]).max() for t in expected) <= 1e-5
-
-
-def test_two_decoders_may_share_a_model_in_turns(levels, bypass):
-    other = {head: maps[::-1] for head, maps in levels.items()}
-    one, two = decoder(bypass, levels), decoder(bypass, other)
-    one.prompt(0, points=[[9, 9]])
-    alone = dict(one.propagate())
-    two.prompt(0, points=[[9, 9]])
-    turns = {}
-    for (t, logits), _ in zip(one.propagate(), two.propagate(), strict=True):
-        turns[t] = logits
-    assert max(np.abs(turns[t] - alone[t]).max() for t in alone) <= 1e-5
-
-
-def test_prompting_a_frame_again_forgets_its_first_prompt(levels, bypass):
-    masks, fresh = decoder(bypass, levels), decoder(bypass, levels)
-    masks.prompt(1, points=[[3, 4]])
-    found, expected = (one.prompt(1, points=[[20, 20]]) for one in (masks, fresh))
-    assert np.abs(found - expected).max() <= 1e-5
-    with pytest.raises(F4xError, match="Nothing is prompted"):
-        next(decoder(bypass, levels).propagate())
-
-
-def test_a_second_prompted_frame_changes_the_frames_between(levels, bypass):
-    masks = decoder(bypass, levels)
-    masks.prompt(0, points=[[3, 4]])
-    before = dict(masks.propagate())
-    masks.prompt(4, mask=MASK)
-    after = dict(masks.propagate())
-    assert set(after) == set(before)
-    assert ((after[4] > 0) == MASK).mean() > 0.97
-    assert np.abs(after[2] - before[2]).max() > 1e-4
-
-
-def test_a_short_memory_forgets_earlier_frames(levels, bypass):
-    found = {}
-    for memory in (None, 7, 2):
-        fine = lambda t: (levels["sam2_s0"][t], levels["sam2_s1"][t])  # noqa: E731
-        masks = sam2.Sam2MaskDecoder(bypass, levels["sam2"].__getitem__, 5, SIZE, fine, memory)
-        masks.prompt(0, **PROMPTS["point"])
-        found[memory] = dict(masks.propagate())
-    gap = {t: np.abs(found[7][t] - found[2][t]).max() for t in range(5)}
-    assert max(np.abs(found[None][t] - found[7][t]).max() for t in range(5)) <= 1e-5
-    assert max(gap[0], gap[1], gap[2]) <= 1e-5  # the prompted frame and one more are all there is
-    assert min(gap[3], gap[4]) > 1e-5
-    with pytest.raises(F4xError, match="remembers 1 to 7 frames, not 8"):
-        sam2.Sam2MaskDecoder(bypass, levels["sam2"].__getitem__, 5, SIZE, memory=8)
-
-
-def test_sine_position_encoding_is_the_models_own(tiny):
-    model = transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval()
-    with torch.no_grad():
-        output = model.get_image_features(torch.zeros(1, 3, 128, 128), return_dict=True)
-    expected = output.fpn_position_encoding[-1]  # (hw,1,C)
-    found = sam2.sine_position_encoding(128, 8, 8).flatten(1).T[:, None]
-    assert torch.equal(found, expected)
-
-
 def test_teachers_give_the_pyramid_that_their_spec_promises(tiny, levels):
     model = transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval()
     with torch.no_grad():
@@ -223,38 +75,6 @@ def test_teachers_give_the_pyramid_that_their_spec_promises(tiny, levels):
         assert spec.name == head
         assert spec.provenance["model"] == "sam2"
         assert np.array_equal(levels[head][3].reshape(-1, spec.dim), pyramid[level][:, 0].numpy())
-
-
-def test_features_of_another_shape_are_refused(levels, bypass):
-    masks = sam2.Sam2MaskDecoder(bypass, lambda t: np.zeros((4, 4, 128), np.float32), 3, SIZE)
-    with pytest.raises(F4xError, match=r"'sam2' features of frame 1 have shape \(4, 4, 128\).*\(8, 8, 128\)"):
-        masks.prompt(1, points=[[2, 2]])
-
-
-@pytest.mark.parametrize(
-    ("prompt", "told"),
-    [
-        ({"t": 0}, "The prompt is empty"),
-        ({"t": 9, "points": [[1, 1]]}, "There is no frame 9: the clip has frames 0 to 4"),
-        ({"t": -1, "points": [[1, 1]]}, "There is no frame -1"),
-        ({"t": 0, "points": [[70, 1]]}, r"Point \(70, 1\) lies outside the picture of 64 x 48"),
-        ({"t": 0, "points": [[64, 1]]}, "lies outside"),
-        ({"t": 0, "points": [[np.nan, 1]]}, "lies outside"),
-        ({"t": 0, "points": [[1, 1]], "labels": [1, 0]}, "1 points and 2 labels"),
-        ({"t": 0, "points": [[1, 1]], "labels": [0]}, "at least one positive point"),
-        ({"t": 0, "points": []}, "at least one positive point"),
-        ({"t": 0, "box": [9, 1, 3, 8]}, "left < right"),
-        ({"t": 0, "box": [1, 2, 3]}, "left < right"),
-        ({"t": 0, "box": [65, 1, 80, 8]}, "lies outside"),
-        ({"t": 0, "mask": np.zeros((48, 64))}, "mask is empty"),
-        ({"t": 0, "mask": np.ones((4, 4))}, "48 rows x 64 columns"),
-        ({"t": 0, "mask": np.ones((48, 64)), "points": [[1, 1]]}, "complete prompt"),
-    ],
-)
-def test_prompts_that_mean_nothing_are_refused(prompt, told):
-    with pytest.raises(F4xError, match=told):
-        check_frame(prompt.pop("t"), 5)
-        check_prompt((48, 64), **prompt)
 
 
 # Text and pictures
@@ -456,11 +276,11 @@ def told(call, *args, **options) -> str:
 
 
 def test_a_model_that_was_not_downloaded_says_how_to_get_it(nothing_cached):
-    sentence = told(sam2.load_sam2)
+    sentence = told(sam2.Sam2Teacher)
     assert "sam2-tiny" in sentence
     assert "156 MB" in sentence
     assert "f4x models get sam2-tiny" in sentence
-    assert "neither a folder nor" in told(sam2.load_sam2, "nobody/nothing")
+    assert "neither a folder nor" in told(sam2.Sam2Teacher, "nobody/nothing")
 
 
 def test_a_folder_of_models_is_searched_by_name(tmp_path, monkeypatch, tiny):

@@ -24,13 +24,7 @@ def small(steps: int, geometry_steps: int = 15, **changes):
     quick = profile("quick")
     scaffold = dataclasses.replace(quick.scaffold, geometry_steps=geometry_steps)
     return dataclasses.replace(
-        quick,
-        steps=steps,
-        measure_every=20,
-        checkpoint_every=20,
-        threads=1,
-        scaffold=scaffold,
-        **changes,
+        quick, steps=steps, measure_every=20, checkpoint_every=20, threads=1, scaffold=scaffold, **changes
     )
 
 

@@ -9,14 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from f4x_core.gaussians import (
-    SetOptimiser,
-    SpawnConfig,
-    Spawned,
-    appearance,
-    spawn_dynamic,
-    spawn_static,
-)
+from f4x_core.gaussians import SetOptimiser, SpawnConfig, Spawned, appearance, spawn_dynamic, spawn_static
 from f4x_core.gaussians.parameters import localise, opacity_logit
 from f4x_core.gaussians.spawn import DepthImage, Room, cover, spawn_that_fits
 from f4x_core.geometry import pose, quaternion

@@ -21,15 +21,7 @@ from f4x_core.native.kernels import TORCH, Kernels
 
 WIDTH, HEIGHT = 20, 10  # a gradient of g loss per pixel is one of (10 g_x, 5 g_y) in NDC
 ALWAYS = DensityConfig(
-    every=1,
-    start=0,
-    stop=1,
-    gradient=1.0,
-    growth=10.0,
-    max_growth=100.0,
-    max_scale=1.0,
-    prune_opacity=0.0,
-    min_count=1,
+    every=1, start=0, stop=1, gradient=1.0, growth=10.0, max_growth=100.0, max_scale=1.0, prune_opacity=0.0, min_count=1
 )
 """A round after every step for whoever reaches the gradient 1; nobody is capped or faint."""
 

@@ -5,18 +5,7 @@ import random
 import pytest
 
 from f4x_core.language import lexicon, notation
-from f4x_core.language.grammar import (
-    Reading,
-    Rule,
-    constant,
-    either,
-    listed,
-    optional,
-    silent,
-    table,
-    tokenise,
-    unless,
-)
+from f4x_core.language.grammar import Reading, Rule, constant, either, listed, optional, silent, table, tokenise, unless
 
 COLOUR = table({"red|dark red": "r", "blue": "b"}, vocabulary=set())
 THE = table({"the|a": None}, vocabulary=set())
@@ -47,14 +36,7 @@ def test_a_rule_knows_the_words_it_begins_with(rule, words, may_be_empty):
 
 @pytest.mark.parametrize("sentence", ["the dark red", "dark dark", "a", "", "blue the red", "green"])
 @pytest.mark.parametrize(
-    "rule",
-    [
-        COLOUR,
-        THE + COLOUR,
-        either(THE + COLOUR, COLOUR),
-        ~THE + (COLOUR >> str.upper),
-        ~THE + ~COLOUR,
-    ],
+    "rule", [COLOUR, THE + COLOUR, either(THE + COLOUR, COLOUR), ~THE + (COLOUR >> str.upper), ~THE + ~COLOUR]
 )
 def test_where_a_rule_cannot_begin_it_has_no_match(rule, sentence):
     for at in range(len(sentence.split()) + 1):

@@ -23,8 +23,8 @@ from f4x_core.priors import (
 )
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
 from f4x_core.priors.camera_problem import Attempt
-from f4x_core.priors.folder import SEEN_DEPTH
 from f4x_core.priors.mirror import Decision, Evidence, mirrored
+from f4x_core.priors.point_tracks import PointTracks
 from f4x_core.priors.sfm import DEFAULT_FOCAL, FOCALS, Solution, refocused, sightings, subset, with_points_ahead
 from f4x_core.priors.zoom import Zoom, mean_cost
 from f4x_core.progress import silent
@@ -44,14 +44,11 @@ def job_of(bundle=None, noise=0.1, first=None, **settings):
     bundle = truth(frames=8, points=120) if bundle is None else bundle
     tracks, visible = project(bundle, noise)
     clip, priors = clip_and_priors(tracks, visible)
-    static = np.ones(tracks.shape[1], bool)
     return camera_problem.CameraProblem(
         clip,
         priors,
         PriorsConfig(cameras=CamerasConfig(**settings)),
-        tracks,
-        visible,
-        static,
+        PointTracks.all_static(tracks, visible),
         FOCAL,
         first,
         silent,
@@ -76,6 +73,7 @@ def test_the_largest_median_shift_between_two_frames():
     tracks = rng.normal(0, 1, (30, 40, 2)) + np.arange(30)[:, None, None] * [0.3, 0.1]
     visible, static = rng.random((30, 40)) < 0.6, rng.random(40) < 0.8
     visible[29] = np.arange(40) < 12  # too few shared with any other
+    every = PointTracks(tracks, visible, static)
     for most in (24, 30, 5):
         frames, best = np.unique(np.linspace(0, 29, min(most, 30)).round().astype(int)), []
         for a, i in enumerate(frames):
@@ -83,14 +81,12 @@ def test_the_largest_median_shift_between_two_frames():
                 shared = visible[i] & visible[j] & static
                 if shared.sum() >= 12:
                     best.append(np.median(np.hypot(*(tracks[j, shared] - tracks[i, shared]).T)))
-        assert camera_problem.static_shift(tracks, visible, static, most) == pytest.approx(max(best))
-    assert camera_problem.static_shift(tracks, visible, static) == camera_problem.static_shift(
-        tracks, visible, static, 24
-    )
+        assert camera_problem.static_shift(every, most) == pytest.approx(max(best))
+    assert camera_problem.static_shift(every) == camera_problem.static_shift(every, 24)
     twelve = np.arange(40) < 12
-    assert camera_problem.static_shift(tracks[:2], np.ones((2, 40), bool), twelve) > 0
-    assert np.isnan(camera_problem.static_shift(tracks[:2], np.ones((2, 40), bool), np.arange(40) < 11))
-    assert np.isnan(camera_problem.static_shift(tracks[:1], visible[:1], static))
+    assert camera_problem.static_shift(PointTracks(tracks[:2], np.ones((2, 40), bool), twelve)) > 0
+    assert np.isnan(camera_problem.static_shift(PointTracks(tracks[:2], np.ones((2, 40), bool), np.arange(40) < 11)))
+    assert np.isnan(camera_problem.static_shift(every.of_frames(slice(1))))
 
 
 @pytest.mark.parametrize(
@@ -114,12 +110,12 @@ def test_frames_are_linked_by_half_of_the_fewer_tracks(first, second, both, expe
 
 def test_static_tracks_are_those_below_one_half():
     _, priors = clip_and_priors(*project(truth(frames=3, points=4)), motion=np.float32([0.49, 0.5, 0.51, 0]))
-    np.testing.assert_array_equal(camera_problem.static_tracks(priors)[2], [True, False, False, True])
+    np.testing.assert_array_equal(PointTracks.of(priors).static, [True, False, False, True])
     priors.tracks_motion = None
-    assert camera_problem.static_tracks(priors)[2].tolist() == [True] * 4
+    assert PointTracks.of(priors).static.tolist() == [True] * 4
     for name in ("tracks", "tracks_visible"):
-        tracks, visible, static = camera_problem.static_tracks(replace(priors, **{name: None}))
-        assert (tracks.shape, visible.shape, static.shape) == ((3, 0, 2), (3, 0), (0,))
+        none = PointTracks.of(replace(priors, **{name: None}))
+        assert (none.uv.shape, none.visible.shape, none.static.shape) == ((3, 0, 2), (3, 0), (0,))
 
 
 def test_interpolation_leaves_one_camera_out():
@@ -277,13 +273,13 @@ def test_a_solution_is_completed_from_its_neighbours_outwards(monkeypatch):
     monkeypatch.setattr(
         refinement, "adjust", lambda bundle, seen, config: adjusted.append(config) or adjust(bundle, seen, config)
     )
-    found = refinement.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0))
+    found = refinement.complete(start, PointTracks.all_static(tracks, visible), np.arange(9.0))
     assert rings == [[1, 5], [0, 6], [7], [8]] and found.registered.all()
     assert adjusted[0].iterations == 10 and not adjusted[0].refine_focal
     assert np.median(found.bundle.errors(found.observations)) < 0.3
-    own, extra = start.observations, sightings(tracks, visible, np.ones(80, bool), 2000).seen
+    own, extra = start.observations, sightings(PointTracks.all_static(tracks, visible), 2000).seen
     assert len(own.frame) < len(found.observations.frame) <= len(own.frame) + len(extra.frame)
-    refinement.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0), BundleConfig(refine_focal=True))
+    refinement.complete(start, PointTracks.all_static(tracks, visible), np.arange(9.0), BundleConfig(refine_focal=True))
     assert adjusted[1].refine_focal and adjusted[1].iterations == 10
 
 
@@ -292,7 +288,8 @@ def test_tracks_in_pieces_are_the_same_sightings_and_link_all_neighbouring_frame
     tracks = random.uniform(0, 100, (60, 40, 2))
     visible = np.cumsum(random.random((60, 40)) < 0.03, 0) % 2 == 0  # seen and hidden for some thirty frames each
     chosen = np.ones(40, bool)
-    sighted, pieces = sightings(tracks, visible, chosen, 40), sightings(tracks, visible, chosen, 40, longest=12)
+    every = PointTracks(tracks, visible, chosen)
+    sighted, pieces = sightings(every, 40), sightings(every, 40, longest=12)
     (whole, order), (cut, owner) = ((one.seen, one.tracks) for one in (sighted, pieces))
     assert len(owner) > 2 * len(order) and cut.point.max() == len(owner) - 1
     assert np.allclose(cut.uv, tracks[cut.frame, owner[cut.point]])
@@ -448,11 +445,11 @@ def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
     nothing = replace(start, observations=start.observations.keep(np.zeros(0, int)))
     assert structure._resolve_mirror(job, nothing) is None
     some = structure._with_sightings(job, nothing)
-    expected = sightings(job.tracks, job.visible, job.static, 2000)
+    expected = sightings(job.tracks, 2000)
     np.testing.assert_array_equal(some.observations.uv, expected.seen.uv)
     np.testing.assert_allclose(some.bundle.points, triangulate(true, expected.seen, len(expected.tracks))[0])
     assert structure._with_sightings(job, start) is start
-    job.priors.scratch[SEEN_DEPTH] = "seen"
+    job.priors.scratch.seen_depth = "seen"
     assert job.cues(frames).depth == "seen"
     job.priors.depth = "prior"
     assert job.cues(frames).depth == "prior" and job.cues(frames).mask is None
@@ -532,13 +529,13 @@ def test_keyframes_get_masks_a_hundredth_wider(monkeypatch):
 )  # fmt: skip
 def test_small_motion_is_solved_directly_where_it_serves(monkeypatch, error, linked, solver, name, count):
     job, asked = job_of(solver=solver), []
-    job.static[:9] = False
+    job.tracks.static[:9] = False
     monkeypatch.setattr(
         structure, "_resolve_mirror", lambda job, start: asked.append(start) or Attempt(known(error, [1] * 8))
     )
 
     def are_linked(visible):
-        np.testing.assert_array_equal(visible, job.visible & job.static)
+        np.testing.assert_array_equal(visible, job.tracks.visible & job.tracks.static)
         return linked
 
     monkeypatch.setattr(structure, "linked", are_linked)
@@ -574,7 +571,7 @@ def test_a_depth_prior_is_asked_first(monkeypatch, error, solver, name):
     assert found["solver"] == name
     assert len(asked) == (solver != "direct")
     if asked:
-        assert asked[0][4] == (FOCAL if solver == "depth" else None) and asked[0][5] == WIDTH
+        assert asked[0][2:] == (FOCAL if solver == "depth" else None, WIDTH)
         assert found["focal_search"] == {"curve": 1}
 
 
@@ -698,8 +695,8 @@ def test_the_kind_of_camera(monkeypatch):
 def test_cameras_are_adjusted_until_no_frame_is_left_behind(monkeypatch):
     true = truth(frames=8, points=120)
     tracks, visible = project(true, 0.1)
-    every = sightings(tracks, visible, np.ones(120, bool), 120)
-    some = sightings(tracks, visible, np.ones(120, bool), 60).seen
+    every = sightings(PointTracks.all_static(tracks, visible), 120)
+    some = sightings(PointTracks.all_static(tracks, visible), 60).seen
     turn = quaternion.to_matrix(quaternion.from_rotation_vector(np.array([0.0, 0.02, 0.0])))
     rotation = true.rotation.copy()
     rotation[7] = turn @ rotation[7]
@@ -733,10 +730,11 @@ def test_cameras_of_everything_explain_more_of_the_picture(monkeypatch, found, d
     """`None`: they only turn."""
     explained = {"": found, "direct": direct, "tracks": tracks}
     solutions = {name: solution_of(truth(frames=8, points=20)) for name in explained}
-    job = replace(job_of(), static=np.zeros(120, bool))
+    job = job_of()
+    job = replace(job, tracks=replace(job.tracks, static=np.zeros(120, bool)))
 
     def solve(other):
-        assert other.static.all() and other.settings.kind == "moving"
+        assert other.tracks.static.all() and other.settings.kind == "moving"
         name = other.settings.solver
         kind = "pan" if explained[name] is None else "moving"
         return Attempt(solutions[name], kind, {"solver": name}, (name,))
@@ -785,23 +783,21 @@ def test_moving_explains_more_than_a_zoom_at_little_more_than_half_its_cost():
 def test_texture_decides_whether_motion_can_be_known():
     true = truth(frames=5, points=60)
     job = job_of(true)
-    reason = cameras._why_motion_is_unknown(job.clip, job.tracks, job.visible, job.static)
+    reason = cameras._why_motion_is_unknown(job.clip, job.tracks)
     assert reason == ""
-    assert "too few" in cameras._why_motion_is_unknown(job.clip, job.tracks, job.visible, np.arange(60) < 11)
-    assert cameras._why_motion_is_unknown(job.clip, job.tracks, job.visible, np.arange(60) < 12) == ""
+    assert "too few" in cameras._why_motion_is_unknown(job.clip, replace(job.tracks, static=np.arange(60) < 11))
+    assert cameras._why_motion_is_unknown(job.clip, replace(job.tracks, static=np.arange(60) < 12)) == ""
     plain = np.full_like(job.clip.frames, 90)
-    assert "no texture" in cameras._why_motion_is_unknown(
-        replace(job.clip, frames=plain), job.tracks, job.visible, job.static
-    )
-    none = np.zeros_like(job.visible)
-    assert cameras._why_motion_is_unknown(replace(job.clip, frames=plain), job.tracks, none, job.static) == ""
+    assert "no texture" in cameras._why_motion_is_unknown(replace(job.clip, frames=plain), job.tracks)
+    none = replace(job.tracks, visible=np.zeros_like(job.tracks.visible))
+    assert cameras._why_motion_is_unknown(replace(job.clip, frames=plain), none) == ""
     for right, known_ in ((7, True), (5, False)):  # of 60 tracks a tenth must lie on texture
         tracks = np.full((5, 60, 2), 20.5, np.float32)
         tracks[:, :right, 0] = 250.5
         half = job.clip.frames.copy()
         half[:, :, :200] = 90
         found = cameras._why_motion_is_unknown(
-            replace(job.clip, frames=half), tracks, np.ones((5, 60), bool), job.static
+            replace(job.clip, frames=half), PointTracks(tracks, np.ones((5, 60), bool), job.tracks.static)
         )
         assert (found == "") == known_
 

@@ -13,14 +13,9 @@ from f4x_core.priors import CamerasConfig, Priors, PriorsConfig
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust
 from f4x_core.priors.camera_problem import static_shift
 from f4x_core.priors.cameras import provide
+from f4x_core.priors.point_tracks import PointTracks
 from f4x_core.priors.refinement import complete
-from f4x_core.priors.sfm import (
-    best_focal,
-    choose_covering_points,
-    refocused,
-    solve_with_depth,
-    solve_with_tracks,
-)
+from f4x_core.priors.sfm import best_focal, choose_covering_points, refocused, solve_with_depth, solve_with_tracks
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT, FOCAL = 320, 180, 260.0
@@ -146,12 +141,12 @@ def test_own_structure_from_motion_recovers_fov_and_path():
     true = truth(travel=0.8)
     tracks, visible = project(true, noise=0.2)
     static = np.ones(tracks.shape[1], bool)
-    start = solve_with_tracks(tracks, visible, static, 1.3 * FOCAL, PRINCIPAL)
+    start = solve_with_tracks(PointTracks(tracks, visible, static), 1.3 * FOCAL, PRINCIPAL)
     assert start is not None and start.registered.all()
     focused = refocused(start, best_focal(start, BundleConfig(expected_focal=0.9 * WIDTH))[0])
     focused = replace(focused, bundle=adjust(focused.bundle, *_finite(focused), BundleConfig(iterations=40)))
     assert abs(fov(focused.bundle.focal) - fov(FOCAL)) < 1
-    solution = complete(focused, tracks, visible, static, np.arange(12.0))
+    solution = complete(focused, PointTracks(tracks, visible, static), np.arange(12.0))
     assert path_error(solution.bundle, true) < 0.01
 
 
@@ -167,7 +162,7 @@ def test_depth_prior_gives_fov_path_and_its_own_scale():
     for f in range(24):
         x, y = tracks[f, visible[f]].astype(int).T
         depth[f, y, x] = local[f, visible[f], 2]
-    solution, curve = solve_with_depth(tracks, visible, np.ones(300, bool), depth, None, WIDTH)
+    solution, curve = solve_with_depth(PointTracks.all_static(tracks, visible), depth, None, WIDTH)
     assert abs(fov(solution.bundle.focal) - fov(FOCAL)) < 1
     assert len(curve["focal_over_width"]) == len(curve["error_px"]) > 50
     assert path_error(solution.bundle, true) < 0.02
@@ -183,7 +178,7 @@ def test_standing_camera_is_static_in_spite_of_movers():
     motion[:60] = 1
     tracks[:, :60] += np.arange(8)[:, None, None] * 4
     clip, priors = clip_and_priors(tracks, visible, motion)
-    assert static_shift(tracks, visible, motion < 0.5) < 0.5
+    assert static_shift(PointTracks(tracks, visible, motion < 0.5)) < 0.5
     provide(clip, priors, PriorsConfig(), silent)
     assert priors.camera_kind == "static"
     np.testing.assert_array_equal(priors.cameras.world_to_camera, np.tile(np.eye(4), (8, 1, 1)))

@@ -7,11 +7,7 @@ from f4x_core.clip import Clip
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig
 from f4x_core.priors.contact import smooth_object_depth
-from f4x_core.priors.depth import (
-    ground_prior,
-    inverse_depth_from_flow,
-    provide,
-)
+from f4x_core.priors.depth import ground_prior, inverse_depth_from_flow, provide
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT = 96, 64
@@ -49,7 +45,7 @@ def plane_priors(frames=8, step=0.05):
     for gap in (1, 2, 4):
         for sign in (1, -1):
             flows[sign * gap] = (empty + sign * gap * shift).astype(np.float16)
-    priors.scratch["long_flows"] = flows
+    priors.scratch.long_flows = flows
     return clip, priors, inverse
 
 

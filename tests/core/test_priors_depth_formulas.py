@@ -406,7 +406,7 @@ def test_static_depth_merges_flow_tracks_and_the_plain_world():
     inverse = np.linspace(0.3, 1.5, height)[tracks[:, 1].astype(int)]
     priors.tracks = np.stack([tracks - [80 * 0.05 * t, 0] * inverse[:, None] for t in range(8)]).astype(np.float32)
     priors.tracks_visible, priors.tracks_motion = np.ones((8, 40), bool), np.zeros(40, np.float32)
-    priors.scratch["long_flows"][2][3, :, 70:] += 3  # it contradicts itself there
+    priors.scratch.long_flows[2][3, :, 70:] += 3  # it contradicts itself there
     statistics = {}
     found, confidence = module._static_depth(clip, priors, PriorsConfig(), priors.mask, silent, statistics)
     cameras, pictures, shares = priors.cameras, module.grey(clip.frames), []
@@ -415,7 +415,7 @@ def test_static_depth_merges_flow_tracks_and_the_plain_world():
     measured = []
     grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)
     for i in range(8):
-        targets = module._targets(i, priors.scratch["long_flows"], blocked, grid)
+        targets = module._targets(i, priors.scratch.long_flows, blocked, grid)
         rho, precision = (
             part.reshape(grid.shape[:2])
             for part in module.inverse_depth_from_flow(cameras, i, grid.reshape(-1, 2), targets)

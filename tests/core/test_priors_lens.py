@@ -11,6 +11,7 @@ from f4x_core.priors import cameras
 from f4x_core.priors.bundle import BundleConfig
 from f4x_core.priors.config import PriorsConfig
 from f4x_core.priors.lens import Bend, measure, straightened
+from f4x_core.priors.point_tracks import PointTracks
 from f4x_core.progress import silent
 
 
@@ -37,7 +38,7 @@ def tracks_of(bend, noise=0.2, true=None):
 @pytest.mark.parametrize("bend", [-0.1, 0.0, 0.1, 0.2])
 def test_the_bend_of_a_lens_is_measured(bend):
     true, tracks, visible = tracks_of(bend)
-    found = measure(true, tracks, visible, np.ones(tracks.shape[1], bool), BundleConfig(expected_focal=0.9 * WIDTH))
+    found = measure(true, PointTracks.all_static(tracks, visible), BundleConfig(expected_focal=0.9 * WIDTH))
     assert found.bend == pytest.approx(bend, abs=0.02)
     assert found.certain == (bend != 0)
 
@@ -48,7 +49,7 @@ def test_far_points_whose_rays_diverge_do_not_bend_the_lens(bend):
     near = truth(frames=16, travel=0.2)
     far = np.random.default_rng(0).uniform(1, 60, (len(near.points), 1)) * near.points
     true, tracks, visible = tracks_of(bend, 0.4, replace(near, points=far))
-    found = measure(true, tracks, visible, np.ones(tracks.shape[1], bool), BundleConfig(expected_focal=0.9 * WIDTH))
+    found = measure(true, PointTracks.all_static(tracks, visible), BundleConfig(expected_focal=0.9 * WIDTH))
     assert abs(found.bend - bend) < found.deviation < 0.03
     assert not found.certain
 
@@ -57,14 +58,14 @@ def test_far_points_whose_rays_diverge_do_not_bend_the_lens(bend):
 def test_a_bend_that_few_tracks_tell_is_not_certain(tracks_used, certain):
     true, tracks, visible = tracks_of(0.1, 0.3)
     chosen = np.arange(tracks.shape[1]) < tracks_used
-    found = measure(true, tracks, visible, chosen, BundleConfig(expected_focal=0.9 * WIDTH))
+    found = measure(true, PointTracks(tracks, visible, chosen), BundleConfig(expected_focal=0.9 * WIDTH))
     assert found.saved > 0.25 and abs(found.bend) > 0.03
     assert found.certain == certain
 
 
 def test_nothing_is_measured_without_tracks():
     true, tracks, visible = tracks_of(0.1)
-    assert measure(true, tracks, visible, np.zeros(tracks.shape[1], bool), BundleConfig()) is None
+    assert measure(true, PointTracks(tracks, visible, np.zeros(tracks.shape[1], bool)), BundleConfig()) is None
 
 
 def test_straightening_undoes_the_bend():

@@ -12,6 +12,7 @@ from f4x_core.priors import CamerasConfig, PriorsConfig, mirror
 from f4x_core.priors.bundle import Bundle, BundleConfig, adjust, sighting_costs, total_cost
 from f4x_core.priors.cameras import provide
 from f4x_core.priors.mirror import Decision, DepthCues, Evidence, choose_orientation, mirrored
+from f4x_core.priors.point_tracks import PointTracks
 from f4x_core.progress import silent
 
 
@@ -35,7 +36,7 @@ def ceiling(**changes):
 
 
 def cues(tracks, visible, **more):
-    return DepthCues(np.arange(len(tracks)), tracks, visible, np.ones(tracks.shape[1], bool), **more)
+    return DepthCues(np.arange(len(tracks)), PointTracks.all_static(tracks, visible), **more)
 
 
 def way_round(bundle, true):

@@ -13,6 +13,7 @@ from f4x_core.geometry import quaternion
 from f4x_core.priors import mirror as module
 from f4x_core.priors.bundle import BundleConfig, Observations, sighting_costs, triangulate
 from f4x_core.priors.mirror import Decision, DepthCues, Evidence
+from f4x_core.priors.point_tracks import PointTracks
 
 
 def test_rough_starts_are_adjusted_at_falling_scales(monkeypatch):
@@ -147,7 +148,7 @@ def test_tracks_are_triangulated_in_the_sampled_frames():
     part = true.of_frames(frames)
     part = replace(part, rotation=part.rotation.copy())
     part.rotation[3] = np.diag([-1.0, 1, -1]) @ part.rotation[3]  # it looks back
-    found = module._track_depths(part, replace(cues(tracks, visible), frames=frames, static=static)).inverse
+    found = module._track_depths(part, DepthCues(frames, PointTracks(tracks, visible, static))).inverse
     kept = [n for n in range(40) if static[n] and visible[frames, n].sum() > 2]
     assert 6 in kept and 5 not in kept
     for n in range(40):
@@ -204,7 +205,7 @@ def test_movers_are_compared_with_what_is_beside_them():
     mask[0, 60:120, 140:180], mask[1, 20:150, 10:300], mask[2, 80:90, 100:104] = True, True, True
     shade = np.random.default_rng(2).uniform(0, 0.6, (4, 1))
     inverse += shade * (tracks[..., 1] / HEIGHT - 0.4)
-    known = replace(cues(tracks, np.isfinite(inverse), mask=mask), static=np.ones(400, bool))
+    known = cues(tracks, np.isfinite(inverse), mask=mask)
     signs = []
     for f in range(3):
         rows, columns = np.nonzero(mask[f])
@@ -247,7 +248,11 @@ def test_three_tracks_on_each_side_are_enough(below):
         if below == 3:
             moved = np.array([places], float)
             moved[0, edge] = place  # just outside
-            assert np.isnan(module._movers_in_front(module._TrackDepths(inverse), replace(known, tracks=moved)))
+            assert np.isnan(
+                module._movers_in_front(
+                    module._TrackDepths(inverse), replace(known, tracks=replace(known.tracks, uv=moved))
+                )
+            )
 
 
 def ending(seed=0, frames=9, count=260, masked=True):
@@ -261,18 +266,18 @@ def ending(seed=0, frames=9, count=260, masked=True):
     mask = np.zeros((frames, HEIGHT, WIDTH), bool)
     mask[:, 40:80, 100:150] = True
     static = rng.random(count) < 0.9
-    return DepthCues(np.array([0, 2, 3, 5, 6, 8]), tracks, visible, static, mask if masked else None)
+    return DepthCues(np.array([0, 2, 3, 5, 6, 8]), PointTracks(tracks, visible, static), mask if masked else None)
 
 
 def inside_by_hand(known, frame):
     if known.mask is None:
-        unit = max(np.nanmax(known.tracks), 1) / 480
-        low, high = np.nanmin(known.tracks, (0, 1)), np.nanmax(known.tracks, (0, 1))
+        unit = max(np.nanmax(known.tracks.uv), 1) / 480
+        low, high = np.nanmin(known.tracks.uv, (0, 1)), np.nanmax(known.tracks.uv, (0, 1))
     else:
         unit, low, high = max(HEIGHT, WIDTH) / 480, np.zeros(2), np.array([WIDTH, HEIGHT])
     margin, found = 10 * unit, []
     blocked = None if known.mask is None else binary_dilation(known.mask[frame], iterations=max(round(margin), 1))
-    for x, y in np.nan_to_num(known.tracks[frame], nan=-1.0):
+    for x, y in np.nan_to_num(known.tracks.uv[frame], nan=-1.0):
         fine = low[0] + margin < x < high[0] - margin and low[1] + margin < y < high[1] - margin
         if blocked is not None:
             fine = fine and not blocked[int(min(max(y, 0), HEIGHT - 1)), int(min(max(x, 0), WIDTH - 1))]
@@ -284,7 +289,7 @@ def inside_by_hand(known, frame):
 def test_tracks_end_beside_the_neighbours_that_approach_them(masked):
     known = ending(masked=masked)
     expected = []
-    visible, frames = known.visible & known.static, len(known.tracks)
+    visible, frames = known.tracks.seen, len(known.tracks)
     for before, after in zip(known.frames[:-1], known.frames[1:], strict=True):
         inside, unit = inside_by_hand(known, before)
         np.testing.assert_array_equal(module._inside(known, before), inside)
@@ -299,9 +304,9 @@ def test_tracks_end_beside_the_neighbours_that_approach_them(masked):
         ]
         lives = np.flatnonzero(visible[before] & visible[after] & visible[past])
         for end in ends:
-            away = np.linalg.norm(known.tracks[before, lives] - known.tracks[before, end], axis=1)
+            away = np.linalg.norm(known.tracks.uv[before, lives] - known.tracks.uv[before, end], axis=1)
             for k in np.argsort(away)[:4]:
-                then = np.linalg.norm(known.tracks[past, lives[k]] - known.tracks[past, end])
+                then = np.linalg.norm(known.tracks.uv[past, lives[k]] - known.tracks.uv[past, end])
                 if away[k] < 20 * unit and then - away[k] > 0.1 * unit * (before - past):
                     expected.append((before, end, lives[k]))
     found = module._endings(known)
@@ -324,7 +329,9 @@ def test_tracks_end_beside_the_neighbours_that_approach_them(masked):
     unknown = module._TrackDepths(depths[0].inverse * np.nan)
     assert module._tracks_end_behind(depths[0], unknown, known) == []
     assert module._tracks_end_behind(*depths, replace(known, frames=known.frames[:1])) == []
-    assert module._unit(replace(known, tracks=known.tracks[:, :0], mask=None)) == pytest.approx(1 / 480)
+    assert module._unit(
+        replace(known, tracks=replace(known.tracks, uv=known.tracks.uv[:, :0]), mask=None)
+    ) == pytest.approx(1 / 480)
 
 
 @pytest.mark.parametrize(("count", "worth"), [(19, None), (20, 0.5 * np.sqrt(2)), (800, 3.0)])
@@ -377,5 +384,5 @@ def test_in_a_small_picture_the_pixel_beside_a_mover_is_not_inside():
     tracks = np.array(
         [[[0.3, 9.5], [0.7, 9.5], [9.5, 9.5], [10.5, 9.5], [11.5, 9.5], [9.5, 11.5], [23.3, 9], [23.7, 9]]]
     )
-    seen = DepthCues(np.arange(1), tracks, np.ones((1, 8), bool), np.ones(8, bool), mask)
+    seen = DepthCues(np.arange(1), PointTracks.all_static(tracks, np.ones((1, 8), bool)), mask)
     assert module._inside(seen, 0).tolist() == [False, True, False, False, True, True, True, False]

@@ -97,7 +97,7 @@ def flow_of(clip):
 
 def test_long_flows_compose_to_the_true_displacement(moving):
     _, mask, priors = moving
-    flows = priors.scratch["long_flows"]
+    flows = priors.scratch.long_flows
     for gap in (2, -2, 4, 8):
         t = 0 if gap > 0 else 4
         inner = mask[t] & np.roll(mask[t], (4, 4), (0, 1)) & np.roll(mask[t], (-4, -4), (0, 1))
@@ -110,7 +110,7 @@ def test_points_are_followed_both_ways_in_time(moving):
     _, _, priors = moving
     corner = square_corner(6, SPEED)
     queries = np.array([[6, *(corner + 18)], [6, 150.0, 90.0]])
-    found, visible = tracks.track_points(priors.scratch["long_flows"], queries)
+    found, visible = tracks.track_points(priors.scratch.long_flows, queries)
     steps = np.arange(12) - 6
     assert visible[:, 0].all()
     assert np.abs(found[:, 0] - (corner + 18 + steps[:, None] * SPEED)).max() < 0.5
@@ -125,8 +125,8 @@ def test_object_flow_keeps_silhouette_points_on_the_object(moving):
     edge = corner + np.stack([np.zeros(9) + 0.3, np.linspace(4, SIDE - 4, 9)], -1)
     queries = np.column_stack([np.zeros(9), edge])
     truth = edge + 11 * np.array(SPEED)
-    loose, _ = tracks.track_points(priors.scratch["long_flows"], queries)
-    held, _ = tracks.track_points(priors.scratch["long_flows"], queries, mask=mask)
+    loose, _ = tracks.track_points(priors.scratch.long_flows, queries)
+    held, _ = tracks.track_points(priors.scratch.long_flows, queries, mask=mask)
     assert np.linalg.norm(loose[-1] - truth, axis=-1).min() > 30  # the wall takes them along
     assert np.linalg.norm(held[-1] - truth, axis=-1).max() < 8
     assert np.linalg.norm(held[-1] - truth, axis=-1).mean() < 4

@@ -483,7 +483,7 @@ def test_the_mask_the_motion_and_the_tracks_are_made_step_by_step(gap):
     clip, _, config, priors = made(gap=gap)
     before, seen_before = priors.tracks.copy(), priors.tracks_visible.copy()
     module.provide(clip, priors, config, silent)
-    flows = priors.scratch["long_flows"]
+    flows = priors.scratch.long_flows
     score, statistics = module.motion_score(clip.frames, flows, config.motion.gaps, silent)
     score = (score + module.vote(score, before, seen_before)) / 2
     threshold = module.find_threshold(score)
@@ -530,7 +530,7 @@ def test_where_nothing_moves_the_score_is_the_motion():
     clip, _, config, priors = made(threshold=0.99)
     tracks, seen = priors.tracks.copy(), priors.tracks_visible.copy()
     module.provide(clip, priors, config, silent)
-    score, _ = module.motion_score(clip.frames, priors.scratch["long_flows"], config.motion.gaps, silent)
+    score, _ = module.motion_score(clip.frames, priors.scratch.long_flows, config.motion.gaps, silent)
     score = (score + module.vote(score, tracks, seen)) / 2
     assert not priors.mask.any() and not priors.statistics["motion"]["moving"]
     np.testing.assert_allclose(priors.motion, score, atol=1e-3)

@@ -200,7 +200,7 @@ def test_a_lens_that_zooms_is_brought_to_one_focal_length(monkeypatch):
     monkeypatch.setattr(
         module,
         "solve_rotations",
-        lambda tracks, *more: asked.update(tracks=tracks, focal=more[2]) or (_ for _ in ()).throw(KeyError),
+        lambda tracks, *more: asked.update(tracks=tracks.uv, focal=more[0]) or (_ for _ in ()).throw(KeyError),
     )
     with pytest.raises(KeyError):
         module.solve(zoomed)

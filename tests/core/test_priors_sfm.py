@@ -15,6 +15,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.priors import sfm as module
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, rays, triangulate
+from f4x_core.priors.point_tracks import PointTracks
 from f4x_core.priors.sfm import Solution
 from f4x_core.report.diagnostics import _field_of_view
 
@@ -41,7 +42,7 @@ def test_sightings_are_of_tracks_seen_three_times():
     tracks, visible = project(truth(frames=5, points=30))
     chosen = np.arange(30) % 5 > 0
     visible[:, 6], visible[:, 7] = [1, 1, 0, 0, 0], [1, 1, 1, 0, 0]
-    sighted = module.sightings(tracks, visible, chosen, 1000)
+    sighted = module.sightings(PointTracks(tracks, visible, chosen), 1000)
     seen, order = sighted.seen, sighted.tracks
     expected = [n for n in range(30) if chosen[n] and visible[:, n].sum() >= 3]
     np.testing.assert_array_equal(order, expected)
@@ -49,8 +50,8 @@ def test_sightings_are_of_tracks_seen_three_times():
     rows = [(f, p) for f in range(5) for p, n in enumerate(order) if visible[f, n]]
     np.testing.assert_array_equal(np.column_stack([seen.frame, seen.point]), rows)
     np.testing.assert_array_equal(seen.uv, [tracks[f, order[p]] for f, p in rows])
-    assert (seen.weight == 1).all() and len(module.sightings(tracks, visible, chosen, 9).tracks) == 9
-    two = module.sightings(tracks[:2], visible[:2], chosen, 1000).tracks
+    assert (seen.weight == 1).all() and len(module.sightings(PointTracks(tracks, visible, chosen), 9).tracks) == 9
+    two = module.sightings(PointTracks(tracks[:2], visible[:2], chosen), 1000).tracks
     np.testing.assert_array_equal(two, [n for n in range(30) if chosen[n] and visible[:2, n].all()])
 
 
@@ -97,13 +98,13 @@ def test_turns_are_chained_from_frame_to_frame():
     tracks, visible = project(true)
     static = np.arange(80) > 3
     tracks[:, :4] += np.arange(6)[:, None, None] * 9  # they move
-    found = module.solve_rotations(tracks, visible, static, FOCAL, PRINCIPAL)
+    found = module.solve_rotations(PointTracks(tracks, visible, static), FOCAL, PRINCIPAL)
     relative = true.rotation @ true.rotation[0].T
     np.testing.assert_allclose(found.bundle.rotation, relative, atol=1e-4)
     assert not found.bundle.center.any() and found.registered.all() and found.bundle.focal == FOCAL
     np.testing.assert_allclose(np.linalg.norm(found.bundle.points, axis=1), 1)
     assert found.bundle.errors(found.observations).max() < 0.1
-    sighted = module.sightings(tracks, visible, static, 1000)
+    sighted = module.sightings(PointTracks(tracks, visible, static), 1000)
     expected, order = sighted.seen, sighted.tracks
     np.testing.assert_array_equal(found.observations.uv, expected.uv)
     directions = rays(found.bundle, expected)
@@ -114,13 +115,13 @@ def test_turns_are_chained_from_frame_to_frame():
     torn[3] = False
     torn[3, np.flatnonzero(visible[2:5].all(0) & static)[:4]] = True  # four tracks are enough
     np.testing.assert_allclose(
-        module.solve_rotations(tracks, torn, static, FOCAL, PRINCIPAL).bundle.rotation, relative, atol=1e-2
+        module.solve_rotations(PointTracks(tracks, torn, static), FOCAL, PRINCIPAL).bundle.rotation, relative, atol=1e-2
     )
     torn[3, np.flatnonzero(torn[3])[0]] = False  # three are not: no turn is known
-    lost = module.solve_rotations(tracks, torn, static, FOCAL, PRINCIPAL).bundle.rotation
+    lost = module.solve_rotations(PointTracks(tracks, torn, static), FOCAL, PRINCIPAL).bundle.rotation
     np.testing.assert_array_equal(lost[3], lost[2])
     np.testing.assert_array_equal(lost[4], lost[2])
-    assert len(module.solve_rotations(tracks, visible, static, FOCAL, PRINCIPAL, 20).bundle.points) == 20
+    assert len(module.solve_rotations(PointTracks(tracks, visible, static), FOCAL, PRINCIPAL, 20).bundle.points) == 20
 
 
 @pytest.mark.parametrize("translating", [True, False])
@@ -408,8 +409,8 @@ def alignment_error_by_hand(tracks, visible, z, pairs, focal):
 def test_cameras_from_depth_are_chained_alignments(frames, known):
     _, tracks, visible, depth = depth_case(frames)
     static = np.arange(tracks.shape[1]) > 0
-    found, search = module.solve_with_depth(tracks, visible, static, depth, known, WIDTH)
-    order = module.sightings(tracks, visible, static, 4000).tracks
+    found, search = module.solve_with_depth(PointTracks(tracks, visible, static), depth, known, WIDTH)
+    order = module.sightings(PointTracks(tracks, visible, static), 4000).tracks
     tracks, visible = tracks[:, order], visible[:, order].copy()
     z = np.full(visible.shape, np.nan)
     for f, n in np.argwhere(visible):
@@ -456,9 +457,9 @@ def test_cameras_from_depth_are_chained_alignments(frames, known):
 
 def test_depth_that_relates_no_frames_gives_the_usual_focal_length():
     _, tracks, visible, depth = depth_case(9, 25)
-    found, search = module.solve_with_depth(tracks, visible, np.ones(25, bool), depth, None, WIDTH)
+    found, search = module.solve_with_depth(PointTracks.all_static(tracks, visible), depth, None, WIDTH)
     assert found.bundle.focal == 0.9 * WIDTH and set(search["error_px"]) == {1e3}
-    single, _ = module.solve_with_depth(tracks[:1], visible[:1], np.ones(25, bool), depth[:1], None, WIDTH)
+    single, _ = module.solve_with_depth(PointTracks.all_static(tracks[:1], visible[:1]), depth[:1], None, WIDTH)
     assert len(single.bundle.center) == 1
 
 
@@ -485,7 +486,7 @@ def test_cameras_are_added_from_the_pair_outwards(monkeypatch):
     start = module._first_pair(tracks, visible, FOCAL, PRINCIPAL, 0)[:2]
     monkeypatch.setattr(module, "adjust_known", adjust_known)
     monkeypatch.setattr(module, "resect", resect)
-    found = module.solve_with_tracks(tracks, visible, np.ones(150, bool), FOCAL, PRINCIPAL)
+    found = module.solve_with_tracks(PointTracks.all_static(tracks, visible), FOCAL, PRINCIPAL)
     assert found.registered.all() and len(resected) == 10
     assert {settings for _, settings in resected} == {(30, 8.0)}
     assert counts == [3, 4, 5, 7, 9, 12]  # a quarter more each time
@@ -498,7 +499,8 @@ def test_cameras_are_added_from_the_pair_outwards(monkeypatch):
         < 0.3
     )
     assert (
-        module.solve_with_tracks(tracks, visible & (np.arange(150) < 50), np.ones(150, bool), FOCAL, PRINCIPAL) is None
+        module.solve_with_tracks(PointTracks.all_static(tracks, visible & (np.arange(150) < 50)), FOCAL, PRINCIPAL)
+        is None
     )
 
 
@@ -643,7 +645,7 @@ def test_fields_of_view_are_tried_on_pairs_ten_and_twenty_apart(monkeypatch, fra
     monkeypatch.setattr(module, "_alignment_error", error)
     tracks = np.tile(np.random.default_rng(0).uniform([0, 0], [WIDTH, HEIGHT], (20, 2)), (frames, 1, 1))
     visible, depth = np.ones((frames, 20), bool), np.ones((frames, HEIGHT, WIDTH), np.float32)
-    found, _ = module.solve_with_depth(tracks, visible, np.ones(20, bool), depth, None, WIDTH)
+    found, _ = module.solve_with_depth(PointTracks.all_static(tracks, visible), depth, None, WIDTH)
     assert asked[0] == [(i, i + gap) for gap, step in gaps for i in range(0, frames - gap, step)]
     fov = 90 - 70 / 71 if slope > 0 else 20 + 70 / 71  # the best at an end is taken as it is
     assert found.bundle.focal == pytest.approx(WIDTH / 2 / np.tan(np.deg2rad(fov) / 2))

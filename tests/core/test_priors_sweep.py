@@ -57,7 +57,7 @@ def box_before_a_wall():
         for signed in (gap, -gap):
             flows[signed] = np.zeros((FRAMES, HEIGHT, WIDTH, 2), np.float16)
             flows[signed][..., 0] = -FOCAL * STEP * signed * smeared
-    priors.scratch["long_flows"] = flows
+    priors.scratch.long_flows = flows
     return clip, priors, np.stack(inverse)
 
 

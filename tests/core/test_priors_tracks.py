@@ -575,7 +575,7 @@ def test_the_statistics_tell_what_was_tracked(relink_gap):
     frames = rng.integers(0, 255, (FRAMES, HEIGHT, WIDTH, 3), np.uint8)
     clip = Clip("toy", frames, np.arange(FRAMES, dtype=float), 24.0, np.zeros(FRAMES, bool), "toy")
     priors = Priors.empty(clip)
-    priors.scratch["long_flows"] = steady_flows(gaps=(1, 2, 4))
+    priors.scratch.long_flows = steady_flows(gaps=(1, 2, 4))
     config = PriorsConfig(tracks=TracksConfig(spacing=4.0, reseed_every=2, relink_gap=relink_gap))
     module.provide(clip, priors, config, silent)
     plain = module.seed_and_track(steady_flows(gaps=(1, 2, 4)), 4.0, config.tracks)

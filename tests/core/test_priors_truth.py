@@ -185,7 +185,7 @@ def given(held_out=(2,), **tracks):
     pictures = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
     clip = Clip("toy", pictures, np.arange(float(FRAMES)), 24.0, np.isin(np.arange(FRAMES), held_out), "toy")
     priors = Priors.empty(clip)
-    priors.scratch["truth"] = known
+    priors.scratch.of_providers["truth"] = known
     return known, clip, priors, PriorsConfig(tracks=TracksConfig(**tracks))
 
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from f4x_core.features.models.prompt import check_prompt
 from f4x_core.query import growing
+from f4x_core.query.decoder_prompt import check_prompt
 from f4x_core.query.growing import _inside, _likeness, grow_prompt, local_cluster, random_walk
 from f4x_core.query.score import logistic
 

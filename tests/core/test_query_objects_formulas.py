@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from labelled_scene import labelled_scene, square_mask
 
-from f4x_core.features.models.prompt import Prompt, check_prompt
 from f4x_core.query import objects
 from f4x_core.query.blend_weights import blend_weight_sums
+from f4x_core.query.decoder_prompt import Prompt, check_prompt
 from f4x_core.query.marks import Box, Brush, Mask, Point, marks_of
 from f4x_core.query.objects import Graph, Superpoints, point_out
 from f4x_core.query.select_config import MOVING, SELECT, STATIC, Cutting
@@ -277,10 +277,7 @@ def weights(**given):
     return values
 
 
-@pytest.mark.parametrize(
-    ("near", "rest", "first", "both"),
-    [(4, 6, 0.91, 0.89), (0, 2, 0.71, 0.69)],
-)
+@pytest.mark.parametrize(("near", "rest", "first", "both"), [(4, 6, 0.91, 0.89), (0, 2, 0.71, 0.69)])
 def test_a_thing_fills_its_box(pointing, near, rest, first, both):
     """Of what moves in a box nine tenths belong to the thing; of what stands seven. A point asks for nothing of the kind."""
     pair = [near, near + 1]

@@ -7,6 +7,7 @@ from labelled_scene import FRAMES, HEIGHT, LABELS, VECTORS, WIDTH, labelled_scen
 from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import View, orbit, original
 from f4x_core.query.blend_weights import blend_weight_sums, lift_masks
+from f4x_core.query.decoder_prompt import check_frame, check_prompt
 from f4x_core.query.labels import ask_for
 from f4x_core.query.matte import mask_video
 from f4x_core.query.pixels import coverage_image, head_map, heat_map, text_score_map
@@ -198,3 +199,29 @@ def test_selections_hold_from_a_standing_camera_too(scene):
     views = [View(scene.cameras.at(0.0), float(time)) for time in scene.cameras.times]
     centres = [np.nonzero(mask > 0.5)[1].mean() for mask in mask_video(scene, found, views)]
     assert np.diff(centres).min() > 1
+
+
+@pytest.mark.parametrize(
+    ("prompt", "told"),
+    [
+        ({"t": 0}, "The prompt is empty"),
+        ({"t": 9, "points": [[1, 1]]}, "There is no frame 9: the clip has frames 0 to 4"),
+        ({"t": -1, "points": [[1, 1]]}, "There is no frame -1"),
+        ({"t": 0, "points": [[70, 1]]}, r"Point \(70, 1\) lies outside the picture of 64 x 48"),
+        ({"t": 0, "points": [[64, 1]]}, "lies outside"),
+        ({"t": 0, "points": [[np.nan, 1]]}, "lies outside"),
+        ({"t": 0, "points": [[1, 1]], "labels": [1, 0]}, "1 points and 2 labels"),
+        ({"t": 0, "points": [[1, 1]], "labels": [0]}, "at least one positive point"),
+        ({"t": 0, "points": []}, "at least one positive point"),
+        ({"t": 0, "box": [9, 1, 3, 8]}, "left < right"),
+        ({"t": 0, "box": [1, 2, 3]}, "left < right"),
+        ({"t": 0, "box": [65, 1, 80, 8]}, "lies outside"),
+        ({"t": 0, "mask": np.zeros((48, 64))}, "mask is empty"),
+        ({"t": 0, "mask": np.ones((4, 4))}, "48 rows x 64 columns"),
+        ({"t": 0, "mask": np.ones((48, 64)), "points": [[1, 1]]}, "complete prompt"),
+    ],
+)
+def test_prompts_that_mean_nothing_are_refused(prompt, told):
+    with pytest.raises(F4xError, match=told):
+        check_frame(prompt.pop("t"), 5)
+        check_prompt((48, 64), **prompt)

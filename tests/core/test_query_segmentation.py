@@ -6,15 +6,7 @@ from scipy import ndimage
 
 from f4x_core.errors import F4xError
 from f4x_core.query.growing import local_cluster, random_walk
-from f4x_core.query.segmentation import (
-    BLOCK,
-    FeaturePropagation,
-    PropagationConfig,
-    enlarge,
-    shifted,
-    shrink,
-    windows,
-)
+from f4x_core.query.segmentation import BLOCK, FeaturePropagation, PropagationConfig, enlarge, shifted, shrink, windows
 
 GRID, SIZE, COUNT = (20, 30), (80, 120), 9
 RNG = np.random.default_rng(0)

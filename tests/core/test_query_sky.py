@@ -22,9 +22,7 @@ def _street(sky, floor=SAND, rest=GREY):
     far, low = means[:, 2] > 30, means[:, 1] > 0.95
     colors = np.where(far[:, None], sky, np.where(low[:, None], floor, rest))
     static = replace(
-        scene.static,
-        sh=dc_from_rgb(colors).astype(np.float32)[:, None],
-        opacities=np.full(len(far), 0.95, np.float32),
+        scene.static, sh=dc_from_rgb(colors).astype(np.float32)[:, None], opacities=np.full(len(far), 0.95, np.float32)
     )
     return replace(scene, static=static), far
 

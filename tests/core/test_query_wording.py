@@ -240,10 +240,7 @@ def test_a_coat_is_the_animals_and_a_things_of_a_persons():
     assert read_question("what colour is the girl's coat", FPS, FRAMES)[0].things == ("girl's coat",)
 
 
-@pytest.mark.parametrize(
-    ("question", "kind", "manner"),
-    [],
-)
+@pytest.mark.parametrize(("question", "kind", "manner"), [])
 def test_either_or_wants_no_yes(question, kind, manner):
     (asked,) = read_question(question, FPS, FRAMES)
     assert (asked.kind, asked.manner, asked.polar) == (kind, manner, False)

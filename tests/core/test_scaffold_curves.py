@@ -10,13 +10,7 @@ from f4x_core.geometry.camera import CameraPath
 from f4x_core.scaffold import distance
 from f4x_core.scaffold.distance import curve_distance, distance_to
 from f4x_core.scaffold.graph import DISTANCE_CAP, GraphConfig, attach_nodes, build_graph, multilevel_edges
-from f4x_core.scaffold.lifting import (
-    LiftedTracks,
-    LiftingConfig,
-    fill_gaps,
-    lift_tracks,
-    nearest_valid_depth,
-)
+from f4x_core.scaffold.lifting import LiftedTracks, LiftingConfig, fill_gaps, lift_tracks, nearest_valid_depth
 from f4x_core.scaffold.rotation import initial_rotations
 from f4x_core.scaffold.selection import (
     SelectionConfig,

@@ -9,13 +9,7 @@ import torch
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.scaffold import Scaffold
-from f4x_core.scaffold.control import (
-    densify_nodes,
-    largest_weights,
-    prune_nodes,
-    rebase_local,
-    resample_in_time,
-)
+from f4x_core.scaffold.control import densify_nodes, largest_weights, prune_nodes, rebase_local, resample_in_time
 from f4x_core.scaffold.deformation import deform, pairs_of
 from f4x_core.scaffold.distance import curve_distance
 from f4x_core.scaffold.graph import EdgeLevel, build_graph

@@ -17,12 +17,7 @@ def random_problem(count: int, seed: int = 0) -> dict[str, np.ndarray]:
     opacities[::7] = 0
     means[3::101] = np.nan
     rows = np.array([[0, 0, 1, 0], [0, 0, 1, 0.25]], np.float32)
-    return {
-        "means": means,
-        "opacities": opacities,
-        "starts": np.array([0, count // 3, count]),
-        "rows": rows,
-    }
+    return {"means": means, "opacities": opacities, "starts": np.array([0, count // 3, count]), "rows": rows}
 
 
 def ordered(problem: dict[str, np.ndarray], **settings) -> np.ndarray:

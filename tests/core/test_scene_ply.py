@@ -11,14 +11,7 @@ from random_scene import random_scene
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion, spherical_harmonics
 from f4x_core.geometry.splats import Splats
-from f4x_core.scene.ply import (
-    REQUIRED,
-    export_frame,
-    read_ply,
-    read_properties,
-    write_ply,
-    write_properties,
-)
+from f4x_core.scene.ply import REQUIRED, export_frame, read_ply, read_properties, write_ply, write_properties
 
 
 def splats(count=25, degree=3):

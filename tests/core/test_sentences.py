@@ -21,11 +21,7 @@ def test_so_many_sentences_mean_what_a_person_means(path, right, wrong):
 
 
 @pytest.mark.parametrize(
-    ("sentence", "mended"),
-    [
-        ("Make the car green for the frist second", "first"),
-        ("the car shoud be blue", "should"),
-    ],
+    ("sentence", "mended"), [("Make the car green for the frist second", "first"), ("the car shoud be blue", "should")]
 )
 def test_a_sure_slip_is_mended_where_nothing_is_removed(sentence, mended):
     with pytest.raises(Slip) as slip:

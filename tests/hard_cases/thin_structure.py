@@ -26,8 +26,7 @@ def check():
     unseen = np.flatnonzero(shot.clip.held_out)
     for t in unseen:
         yield that(
-            f"the wire has {MIN_PIXELS} pixels or more in frame {t}, which is unseen",
-            shot.mask[t].sum() >= MIN_PIXELS,
+            f"the wire has {MIN_PIXELS} pixels or more in frame {t}, which is unseen", shot.mask[t].sum() >= MIN_PIXELS
         )
     fitted = fit(shot)
     yield from judge(fitted)

@@ -35,13 +35,13 @@ class ColorChange(Change):
 
     @abstractmethod
     def coloured(self, whom: Appearance, tones: Any) -> Appearance:
-        """The Gaussians with their new colors in full; `tones` of `Change.tones`."""
+        """Return the Gaussians with their new colors in full; `tones` is the result of `Change.tones`."""
 
     def tones(self, whom: Appearance, other: Appearance | None) -> Any:
         return colours.mean_of(colours.lab_from_rgb(colours.colours_of(whom.sh))[:, 0], whom.opacities)
 
     def coming(self, sentence: str) -> str:
-        """The sentence with when it holds and, where it comes little by little, how."""
+        """Return the sentence with its span and, for a gradual change, its ease."""
         if self.ease is None:
             return sentence + span_words(self.frames)
         how = {"linear": "gradually ", "smooth": "gradually ", "step": ""}[self.ease]
@@ -56,7 +56,7 @@ class Dye(ColorChange):
     """0 leaves the old colour, 1 is the new one."""
 
     def coloured(self, whom: Appearance, tones: Any) -> Appearance:
-        """`strength` of the way from the old color to the goal."""
+        """Return colors `strength` of the way from the old ones to the goal."""
         if self.strength == 0:
             return whom
         rgb = colours.colours_of(whom.sh)
@@ -65,7 +65,7 @@ class Dye(ColorChange):
         return Appearance(opacities, np.concatenate([dc[:, None], rest], axis=1))
 
     def faded(self, whom: Appearance) -> np.ndarray:
-        """(n,S-1,3) what depends on the direction, a change about the DC's color: a new color is only seen without it."""
+        """Return the direction-dependent harmonics (n,S-1,3), faded by `strength`: they are changes about the old color."""
         return whom.sh[:, 1:] * np.float32(1 - self.strength)
 
     @property
@@ -79,7 +79,7 @@ class Dye(ColorChange):
         return False
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """A color that covers it is all that is seen."""
+        """Return the later of two colors where it covers this one."""
         covered = isinstance(later, Dye) and later.covers and self.is_covered
         if covered and (later.select, later.span) == (self.select, self.frames):
             return (later,)
@@ -87,4 +87,4 @@ class Dye(ColorChange):
 
     @abstractmethod
     def goal(self, rgb: np.ndarray, whom: Appearance, tones: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(colors (n,3) at full strength, harmonics (n,S-1,3) and opacities (n,) at `strength`) for the colors `rgb (n,3)`."""
+        """Return colors (n,3) at full strength, harmonics (n,S-1,3) and opacities (n,) at `strength`, from the old `rgb (n,3)`."""

@@ -75,12 +75,12 @@ class Placing(ChangeWithShadow):
         return vector(apart + at.axes @ way * gap)
 
     def further(self, factor: float) -> Vector:
-        """The way, `factor` times as far where it is in widths."""
+        """Return the shift, `factor` times as far where it is in widths."""
         x, y, z = self.way
         return (factor * x, factor * y, factor * z) if self.unit == "size" else (x, y, z)
 
 
 def vector(values: np.ndarray) -> Vector:
-    """Three numbers as plain floats."""
+    """Return three numbers as plain floats."""
     x, y, z = (float(value) for value in values)
     return x, y, z

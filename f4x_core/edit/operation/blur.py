@@ -58,7 +58,7 @@ class Blur(Change):
 
     @classmethod
     def sentences(cls) -> Sentences:
-        """Blurry, and a blur that is put on somebody."""
+        """Return "blurry" as a quality, and the command that puts a blur on a thing."""
         from .. import english as say
 
         quality = say.Quality(
@@ -81,14 +81,16 @@ class Blur(Change):
 
 
 def thinning(sizes: np.ndarray, radius: float) -> np.ndarray:
-    """(n,) float32 factors of opacity of Gaussians of `sizes (n,3)` that a blur by `radius` widens: the light they stop stays the
-    same, seen along their thinnest axis."""
+    """Return the factors (n,) float32 of opacity for Gaussians of `sizes (n,3)` that a blur widens by `radius`.
+
+    The light that each stops stays the same, seen along its thinnest axis.
+    """
     broad = np.sort(sizes.astype(np.float64), axis=1)[:, 1:]
     return (np.prod(broad, 1) / np.prod(np.hypot(broad, radius), 1)).astype(np.float32)
 
 
 def blurred(how: Amount | None = None) -> Value:
-    """A blur, a bit of one or much, or one `to` a radius in world units; Mismatch for other amounts."""
+    """Return a blur: the usual one, a degree of it, or one `to` a radius in world units; Mismatch for other amounts."""
     if how is not None and how.kind == "fraction":
         return refused("A blur has no percents; say 'a bit', 'much', or how wide it is, as in 'by 0.03 units'.")
     radius = how.value if how is not None and how.kind == "to" else strong(USUAL, how)

@@ -74,7 +74,7 @@ class Duplicate(Placing):
         return with_name(rows, self.name, np.zeros(0, int)) if free else rows
 
     def copy_time_maps(self, clip: tuple[float, float]) -> tuple[TimeMap, ...]:
-        """Each delayed by as much again, clamped to the clip."""
+        """Return the time map of each copy, delayed by one `time_shift` more than the one before, within the clip."""
         return tuple(self._copy_time_map(copy * self.time_shift, clip) for copy in range(1, self.count + 1))
 
     @staticmethod
@@ -89,7 +89,7 @@ class Duplicate(Placing):
         return replace(self, time_shift=0.0)
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """A copy that is put somewhere at once is made there; Refusal where copies might be copied."""
+        """Return a copy made at the place to which `later` would move it; Refusal where copies might be copied."""
         if isinstance(later, Transform) and self.offset == BESIDE:
             stays = replace(later, translate=(0.0, 0.0, 0.0), select=self.select, unit="world", axes="world")
             if later.select == Named(self.name) and stays == Transform(self.select) and any(later.translate):
@@ -129,7 +129,7 @@ class Duplicate(Placing):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """In percent of the target's width along the camera's axes."""
+        """Return the reply for copies, offset in percent of the target's width along the camera's axes."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Duplicate:
             offset = (answer.right / 100, -answer.up / 100, answer.away / 100)
@@ -225,7 +225,11 @@ def copied(
     own: Place | None = None,
     called: str = "",
 ) -> Value:
-    """Copies: where, how far apart, how many, how much later, beside whom, called what; Refusal: half a copy."""
+    """Return copies; Refusal for a number of them that is not whole.
+
+    `way`, `far`, `own`: the direction, the distance and the thing beside which they stand; `times`: their number; `shift`: their
+    delay; `called`: their name.
+    """
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
     arguments: dict[str, Any] = {"count": int(times), "name": called}

@@ -57,7 +57,7 @@ class Glow(Change):
     lasts = False  # type: ignore[assignment]  # it is blurred
 
     def steps(self) -> tuple[Change, ...]:
-        """Brighter, copied, the copies blurred and faint; they are hidden before and after."""
+        """Return the steps of a glow: brighter, then faint blurred copies, hidden before and after the span."""
         light, halo = 1 + self.strength * (HALO_LIGHT - 1), Named(HALO)
         steps: list[Change] = [
             Recolour(self.select, (light, light, light), "multiply", frames=self.frames),
@@ -80,7 +80,7 @@ class Glow(Change):
 
     @classmethod
     def sentences(cls) -> Sentences:
-        """Glowing, and a glow that is put on somebody."""
+        """Return "glowing" as a quality, and the command that puts a glow on a thing."""
         from .. import english as say
 
         quality = say.Quality(
@@ -107,7 +107,7 @@ class Glow(Change):
 
 
 def glowing(how: Amount | None = None, rgb: Vector | None = None) -> Value:
-    """A glow, in its own colours or in `rgb`, a bit, much or a fraction; Mismatch for other amounts."""
+    """Return a glow in the thing's own colors or in `rgb`, by a degree or a fraction; Mismatch for other amounts."""
     strength = how.value if how is not None and how.kind == "fraction" else strong(USUAL, how)
     if strength > 1:
         return refused("A glow of 100 % is the strongest; say for example 'make the dog glow by 80 %'.")

@@ -63,7 +63,7 @@ class Grade(ColorChange):
     has_tones = of_picture = True  # type: ignore[assignment]  # whatever is graded
 
     def coloured(self, whom: Appearance, tones: Any) -> Appearance:
-        """Contrast about the mean light `tones`, then gamma."""
+        """Apply contrast about the mean lightness `tones`, saturation, hue and warmth, then gamma."""
         plain = (self.contrast, self.saturation, self.warmth, self.hue) == (1, 1, 0, 0)
         if plain and self.gamma == 1:
             return whom
@@ -130,27 +130,27 @@ class Grade(ColorChange):
 
 
 def gamma(to: float) -> Value:
-    """A gamma."""
+    """Return a grade by a gamma."""
     return lambda who, when, _: Grade(who, gamma=round(to, PLACES), **when.coming)
 
 
 def contrasted(by: float) -> Value:
-    """So many times the contrast."""
+    """Return a grade that multiplies the contrast."""
     return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
 
 
 def hue_turned(angle: float) -> Value:
-    """Hues turned by degrees."""
+    """Return a grade that turns hues by degrees."""
     return lambda who, when, _: Grade(who, hue=angle, **when.coming)
 
 
 def saturated(by: float) -> Value:
-    """So many times the saturation."""
+    """Return a grade that multiplies the saturation."""
     return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.coming)
 
 
 def warmed(how: Amount | None, warmer: bool) -> Value:
-    """Warmer or cooler, by a part of all the warmth that there can be; twice as warm is by one part more."""
+    """Return a grade that is warmer or cooler by a fraction of the most there can be; twice as warm is by the whole of it."""
     sign = 1 if warmer else -1
     if how is None or how.kind in DEGREES:
         warmth = sign * strong(WARMER, how)
@@ -165,5 +165,5 @@ _saturated = graded(saturated)
 
 
 def grayed(how: Amount | None, upward: bool) -> Value:
-    """As less saturated, where that without an amount means gray."""
+    """Return less saturation; gray where no amount is given."""
     return GRAYED if how is None else _saturated(how, upward)

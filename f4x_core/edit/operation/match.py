@@ -85,7 +85,7 @@ class Match(Dye):
 
 
 def matched(source: Who) -> Value:
-    """To take over the colours of `source`."""
+    """Return the match of a thing's colors to those of `source`."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         found = source(context)

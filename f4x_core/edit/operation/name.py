@@ -66,7 +66,7 @@ class Name(Change):
 
 
 def named(called: str) -> Value:
-    """To have a name; Refusal for one that means something else."""
+    """Return the naming of a selection; Refusal for a name that means something else."""
     from ..phrases import refuse_as_name
 
     refuse_as_name(called)

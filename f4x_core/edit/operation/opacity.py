@@ -56,7 +56,7 @@ class Opacity(ChangeWithShadow):
         return 1 - fraction if self.inward else fraction
 
     def shown(self, state: Appearance, chosen: np.ndarray, fraction: float, scene: Looking) -> Appearance:
-        """A fade is linear in alpha. To show something again makes it as opaque as it was fitted, and nothing more so."""
+        """Fade linearly in alpha; `SHOWN` brings back the fitted opacity where less is left."""
         old = state.opacities
         if self.factor == SHOWN:
             fitted = np.where(scene.gone, old, np.maximum(old, scene.opacities))
@@ -79,7 +79,7 @@ class Opacity(ChangeWithShadow):
         return self.factor > 1
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """Of "hide it for a second, then it is back" the first says all; "start invisible and fade in" is a fade."""
+        """Return the first of "hide it for a second, then it is back"; of "start invisible and fade in" the fade."""
         if isinstance(later, Opacity) and later.select == self.select:
             if later == Opacity(self.select, SHOWN) and self.frames and self.frames[1]:
                 return (self,)
@@ -159,7 +159,7 @@ class Opacity(ChangeWithShadow):
 
 
 def thinned(opacities: np.ndarray, left: float) -> np.ndarray:
-    """Opacities (n,) of which a picture shows the fraction `left` in [0, 1] of its alpha, where splats stand behind one another.
+    """Return opacities (n,) with which a stack of splats shows the fraction `left` in [0, 1] of its alpha.
 
     `1 - (1 - o)^k` scales the optical depth D of a pixel by k; its alpha 1 - exp(-k D) is to be `left` (1 - exp(-D)). Scaling
     the opacities themselves would leave a stack of many nearly opaque half-way.
@@ -180,7 +180,7 @@ _OPAQUE = {
 
 
 def opacity(by: float) -> Value:
-    """So many times as opaque."""
+    """Return an opacity `by` times as large, gradually where the sentence says so."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         if when.slowly:
@@ -191,7 +191,7 @@ def opacity(by: float) -> Value:
 
 
 def shown(again: bool = False) -> Value:
-    """To be seen, again; Refusal for a time that may be the only one."""
+    """Return the opacity that shows a thing, again; Refusal for a time that may be the only one."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         if when.frames is not None and not again:
@@ -205,7 +205,7 @@ def shown(again: bool = False) -> Value:
 
 
 def faded(by: float = 0.0, inward: bool = False, gone: bool = False) -> Value:
-    """To become so many times as opaque little by little, or to come from it (`inward`); `gone`: it ends so."""
+    """Return a gradual change to `by` times the opacity, or from it with `inward`; `gone`: to the end of the clip."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         when = replace(when, slowly=when.slowly or gone)
@@ -220,7 +220,7 @@ def faded(by: float = 0.0, inward: bool = False, gone: bool = False) -> Value:
 
 
 def appearing(who: SelectKind, when: When, context: SentenceContext) -> Change:
-    """To come into view over a while; at a moment: not to be seen until then."""
+    """Return a fade in; at a moment, the thing is hidden until then."""
     if (
         when.kind == "moment"
         and when.frames is not None

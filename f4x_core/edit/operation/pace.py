@@ -58,18 +58,18 @@ class Freeze(Retiming):
         return self.at, self.until
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap:
-        """Held, then late."""
+        """Return the map that holds the frame `at` until `until` and is late by as much after that."""
         at, end = self.at, math.inf if self.until is None else self.until
         return lambda time: time if time <= at else at if time <= end else time - (end - at)
 
     def described(self) -> str:
-        """Freeze the dog."""
+        """Return "freeze the dog at frame 30", or from one frame to another."""
         until = "" if self.until is None else f" to frame {self.until:g}"
         return f"freeze {whom_with(self)} {'from' if until else 'at'} frame {self.at:g}{until}"
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """Without a first frame it begins at the present one."""
+        """Return the reply for a freeze, which begins at the present frame where it gives none."""
         doc = "Stand still from the first frame (-1: the present one) to the last (-1: for good)."
 
         def make(answer: Any, who: SelectKind, _: Any) -> Freeze:
@@ -80,7 +80,7 @@ class Freeze(Retiming):
 
     @classmethod
     def sentences(cls) -> Sentences:
-        """Stand still."""
+        """Return the command to freeze."""
         from .. import english as say
 
         clip = say.literal("time|the clock|the action|the playback|playback|the motion|all motion|all movement")
@@ -118,7 +118,7 @@ class Retime(Retiming):
     FACTORS = ("speed",)
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap:
-        """By the speed or its integral."""
+        """Return the map that multiplies time within the span by the speed, or by the integral of an eased one."""
         (first, last), speed = clip, self.speed
         begin, end = self.frames or (first, None)
         stop = math.inf if end is None else end
@@ -139,7 +139,7 @@ class Retime(Retiming):
         return eased if self.ease else at_once
 
     def _changed(self, u: float) -> float:
-        """The integral of the ease from 0 to `u`, fractions of its span; of a soft one it is 1 at the end."""
+        """Return the integral of the ease from 0 to `u`, a fraction of the span; of a soft ease it is 1 at the end."""
         if self.ease != "soft":
             return u * u / 2 if self.ease == "linear" else u**3 - u**4 / 2
         side = min(self.speed / 2, SOFT)  # so short that it never runs backwards between the ends
@@ -147,7 +147,7 @@ class Retime(Retiming):
         return (rise - fall) / (1 - side)
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """The later speed holds; with "slow until second 1, then fast", from then on."""
+        """Return the later of two speeds; that of "slow until second 1, then fast" begins where this one ends."""
         if isinstance(later, Retime) and later.select == self.select:
             if later.frames == self.frames:
                 return (later,)
@@ -175,7 +175,7 @@ class Retime(Retiming):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """With soft ends where it comes smoothly."""
+        """Return the reply for a speed in percent, with soft ends where it is smooth."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Retime:
             return cls(who, answer.percent / 100, answer.span, None if answer.ease == "none" else "smooth")
@@ -185,7 +185,7 @@ class Retime(Retiming):
 
     @classmethod
     def sentences(cls) -> Sentences:
-        """Faster, slower, slow motion."""
+        """Return speed as a quality, and the commands for slow motion and speeds."""
         from .. import english as say
 
         quality = say.Quality(
@@ -240,7 +240,7 @@ class Reverse(Retiming):
     CLIP = True
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap:
-        """At the clip's end it goes on backwards, as every motion there goes on."""
+        """Return the map that mirrors time within the span; one up to the clip's end goes on backwards beyond it."""
         begin, end = self.frames or clip
         end = clip[1] if end is None else end
         until = math.inf if end >= clip[1] else end
@@ -253,7 +253,7 @@ class Reverse(Retiming):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """With those of `Loop`."""
+        """Return the reply that is read as `Reverse` or `Loop`."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Retiming:
             if answer.op == "reverse":
@@ -266,7 +266,7 @@ class Reverse(Retiming):
 
     @classmethod
     def sentences(cls) -> Sentences:
-        """Backwards."""
+        """Return the command to play backwards."""
         from .. import english as say
 
         reverse = say.command(
@@ -291,7 +291,7 @@ class Loop(Retiming):
         check_span(self.frames)
 
     def time_map(self, clip: tuple[float, float]) -> TimeMap:
-        """Every frame of the part is shown once in a round, the last one too."""
+        """Return the map that repeats the span; a round shows each of its frames once, the last one too."""
         begin, end = self.frames
         if end is None:
             return lambda time: time
@@ -303,12 +303,12 @@ class Loop(Retiming):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """With those of `Reverse`."""
+        """Return nothing: the reply of `Reverse` is read as either."""
         return ()
 
     @classmethod
     def sentences(cls) -> Sentences:
-        """Again and again."""
+        """Return the command to repeat."""
         from .. import english as say
 
         loop = say.command(
@@ -321,14 +321,14 @@ class Loop(Retiming):
 
 
 def looped(who: SelectKind, when: When, _: SentenceContext) -> Change:
-    """To run again and again; Refusal without a time."""
+    """Return a loop; Refusal without a time."""
     if when.frames is None:
         raise Refusal("It is not said which part is repeated; add for example 'from second 1 to 2'.")
     return Loop(who, **when.effect)
 
 
 def reversed(who: SelectKind, when: When, _: SentenceContext) -> Change:
-    """To run backwards."""
+    """Return a reversal."""
     return Reverse(who, **when.effect)
 
 
@@ -338,7 +338,7 @@ MERELY = word_set("make makes making made get gets got be have has let put set k
 
 
 def _playing() -> Rule:
-    """Selections that are played."""
+    """Return the rule of selections that are played."""
     from .. import english as say
 
     return say.phrase("<motion>|<about> <thing>", motion=say.whose(MOTIONS))
@@ -354,10 +354,10 @@ def _backward() -> Rule:
 
 
 def retimed(by: float) -> Value:
-    """So many times as fast."""
+    """Return a retiming to `by` times the speed."""
     return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
 
 
 def frozen(who: SelectKind, when: When, context: SentenceContext) -> Change:
-    """To stand still."""
+    """Return a freeze."""
     return Freeze(who, **when.pause(context))

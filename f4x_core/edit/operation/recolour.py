@@ -100,7 +100,7 @@ class Recolour(Dye):
         return self.mode == "assign"
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """Of "red until second 1, then blue" the later one begins where this one ends."""
+        """Return both of "red until second 1, then blue", the later one from the end of this one on."""
         same = isinstance(later, Recolour) and (later.select, later.mode) == (self.select, self.mode)
         if same and later.span is None and self.frames is not None and self.frames[1] is not None:
             later = replace(later, frames=(self.frames[1], None))  # type: ignore[type-var]
@@ -211,7 +211,7 @@ class Recolour(Dye):
 
 
 def exposed_by(by: float, way: bool = True) -> Value:
-    """The value for so many stops more light, less where not `way`; Mismatch for what are percents."""
+    """Return the value for `by` stops more light, less with `way` False; Mismatch where the number means percent."""
     from ...language.amounts import LEAST_PERCENTS  # with the grammar
 
     if abs(by) >= LEAST_PERCENTS:
@@ -222,7 +222,7 @@ def exposed_by(by: float, way: bool = True) -> Value:
 
 
 def _exposure_words(who: str, by: float) -> str:
-    """ "raise the exposure of the dog by 0.5 stops"; percents where those are round and the stops are not."""
+    """Return "raise the exposure of the dog by 0.5 stops"; in percent where that is round and the stops are not."""
     stops = round(math.log2(by), 2)
     if by == round(by, 2) and stops % 1:
         return f"set the exposure of {who} to {percent_words(by)}"
@@ -230,7 +230,7 @@ def _exposure_words(who: str, by: float) -> str:
 
 
 def _more(rgb: Vector) -> str:
-    """ "30 % more red" for what it adds; nothing when it is no basic colour."""
+    """Return "30 % more red" for an added color; empty where it is no basic one."""
     for word, sign in (("more", 1), ("less", -1)):
         for name in _BASIC:
             pure = [sign * (c - 0.5) for c in COLOURS[name]]
@@ -241,7 +241,7 @@ def _more(rgb: Vector) -> str:
 
 
 def _colors() -> tuple[tuple[Rule, ...], tuple[Rule, ...]]:
-    """Values that are colors: behind "make the dog", and as they are."""
+    """Return the rules of colors behind "make the dog", and of those that stand alone."""
     from .. import english as say
 
     degree = say.degree >> (lambda how: DEGREES[how.kind].share)
@@ -281,51 +281,51 @@ def _colors() -> tuple[tuple[Rule, ...], tuple[Rule, ...]]:
 
 
 def recoloured(rgb: Vector, mode: Any = "assign", strength: float = 1.0) -> Value:
-    """A colour, laid on by `mode`."""
+    """Return a change to a color by `mode`."""
     return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.coming)
 
 
 def hued(rgb: Vector, strength: float = 1.0) -> Value:
-    """The hue of a colour; light and dark stay."""
+    """Return a change to the hue of a color; lightness stays."""
     return recoloured(rgb, "hue", strength)
 
 
 def assigned(rgb: Vector, strength: float = 1.0) -> Value:
-    """A colour with the light and shade of the thing; gray takes its colour away."""
+    """Return a change to a color that keeps the thing's light and shade; gray takes its color away."""
     if rgb == COLOURS["gray"]:
         return recoloured(BLACK_AND_WHITE, "hue", strength)
     return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.coming)
 
 
 def faintly(rgb: Vector) -> Value:
-    """A bit of a colour."""
+    """Return a slight change to a color."""
     return assigned(rgb, A_BIT)
 
 
 def brightened(by: float) -> Value:
-    """So many times as bright."""
+    """Return a multiple of the brightness."""
     return recoloured((round(by, PLACES),) * 3, "multiply")
 
 
 def exposed(by: float) -> Value:
-    """So many times the linear light."""
+    """Return a multiple of the linear light."""
     return recoloured((round(by, LIGHT_PLACES),) * 3, "light")
 
 
 def _brighter(how: Amount | None, upward: bool) -> Value:
-    """Brighter or darker as displayed; by stops, in linear light."""
+    """Return more or less brightness as displayed; in linear light where it is counted in stops."""
     return graded(exposed if how is not None and how.kind == "stops" else brightened)(how, upward)
 
 
 def added(times: float, more: tuple[Vector, int]) -> Value:
-    """Redder or less blue, `times` as much as usual."""
+    """Return a shift toward or away from a color, `times` as large as usual."""
     rgb, sign = more
     red, green, blue = (round(times * sign * MORE_COLOUR * (c - 0.5), PLACES) for c in rgb)
     return recoloured((red, green, blue), "add")
 
 
 def fading_to(rgb: Vector) -> Value:
-    """To take a colour little by little; everything without a time: over the last second."""
+    """Return a gradual change to a color; of everything, without a time, over the last second."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         fields = when.fading(context, inward=False)
@@ -340,7 +340,7 @@ def fading_to(rgb: Vector) -> Value:
 
 
 def rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Change:
-    """All others lose their colour."""
+    """Return a change that takes the color of all else away."""
     return GRAYED(Not(who), when, context)
 
 

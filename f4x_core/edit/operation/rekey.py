@@ -57,7 +57,7 @@ class Rekey(Change):
 
     @classmethod
     def of(cls, nodes: np.ndarray, times: np.ndarray, xyz: np.ndarray, quat: np.ndarray) -> Rekey:
-        """Poses `xyz (F,n,3)`, `quat (F,n,4)` of the nodes with ids `nodes (n,)` at clip frames `times (F,)`."""
+        """Pack poses `xyz (F,n,3)`, `quat (F,n,4)` of the nodes with ids `nodes (n,)` at clip frames `times (F,)`."""
         packed = np.concatenate([xyz, quat], axis=-1).astype("<f4")
         names = tuple(np.asarray(nodes).tolist()), tuple(np.asarray(times, float).tolist())
         return cls(*names, base64.b64encode(packed.tobytes()).decode())

@@ -130,7 +130,7 @@ class Extract(Removal):
         return self.select
 
     def followed_by(self, later: Change) -> tuple[Change, ...]:
-        """Of "keep only the dog and delete the rest" the first says all."""
+        """Return the first of "keep only the dog and delete the rest", which says all."""
         return (
             (self,) if later.removes and later.select in (self.select, Not(self.select)) else super().followed_by(later)
         )
@@ -163,12 +163,12 @@ class Extract(Removal):
 
 
 def extracted(who: SelectKind, when: When, _: SentenceContext) -> Change:
-    """To be all that is left."""
+    """Return the removal of everything else."""
     return Extract(who, **when.effect)
 
 
 def deleted(who: SelectKind, when: When, _: SentenceContext) -> Change:
-    """To be gone; Refusal for everything."""
+    """Return a removal; Refusal for everything."""
     if who == All():
         raise Refusal("Nothing would be left; say what to remove, or 'hide everything' if that is meant.")
     return Delete(who, **when.effect)

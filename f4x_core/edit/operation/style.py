@@ -46,7 +46,7 @@ class Style(Dye):
     has_tones = is_covered = True  # type: ignore[assignment]  # for every look
 
     def tones(self, whom: Appearance, other: Appearance | None) -> Any:
-        """Between which lights the visible Gaussians lie."""
+        """Return the centre and range of the lightness of the visible Gaussians."""
         rgb, visible = colours.colours_of(whom.sh), whom.opacities > 0
         return colours.lights_of(rgb[visible] if visible.any() else rgb)
 
@@ -124,5 +124,5 @@ PICTURES = {
 
 
 def styled(look: str, strength: float = 1.0) -> Value:
-    """To look like a material or a light."""
+    """Return a look such as a material or a light."""
     return lambda who, when, _: Style(who, look, strength, **when.coming)

@@ -53,7 +53,7 @@ class Swap(Change):
         return Transform(self.select, (x, y, z), **common), Transform(self.other, (-x, -y, -z), **common)
 
     def settled(self, at: Settling) -> dict[str, Any]:
-        """From the base of the one to that of the other."""
+        """Return the shift (3,) from the base of the one to that of the other, and both with what is attached to them."""
         if self.shift is not None:
             return {}
         others = at.rows_of("other")
@@ -87,7 +87,7 @@ class Swap(Change):
 
 
 def swapped(other: Who | None = None) -> Value:
-    """To change places with `other`, or the two of a pair with each other; Refusal where they are not two."""
+    """Return an exchange of places with `other`, or of the two of a pair; Refusal where they are not two."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         pair: tuple[SelectKind, ...] = (who,) if other is None else (who, other(context))

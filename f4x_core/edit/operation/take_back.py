@@ -41,7 +41,7 @@ class TakeBack(Change):
         return (self.edit, *self.others)
 
     def planned(self, edits: Sequence[Edit]) -> tuple[TakeBack, ...]:
-        """All edits in effect, or those of the last sentence, the last one first."""
+        """Return one operation that takes back all edits in effect, or those of the last sentence, the last one first."""
         if self.edit not in (LAST, ALL):
             return (self,)
         active = [edit for edit in reversed(edits) if edit.in_effect]

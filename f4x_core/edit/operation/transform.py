@@ -108,7 +108,7 @@ class Transform(Placing):
         return tuple(replace(self, select=one, each=()) for one in self.each) or (self,)
 
     def rows_after(self, rows: SplatRows, chosen: np.ndarray) -> SplatRows:
-        """They move where it takes its time or its pivot moves."""
+        """Return the rows, the chosen ones as moving where the transform is gradual or its pivot moves."""
         if not chosen.any():
             return rows
         self.require_world()
@@ -117,7 +117,7 @@ class Transform(Placing):
         return rows if still else replace(rows, moves=rows.moves | chosen)
 
     def motion(self, fraction: float, pivot: Callable[[str], np.ndarray]) -> Motion:
-        """A part of the way, the turn and the growth."""
+        """Return `fraction` of the shift, the rotation and the growth."""
         return Motion(
             quaternion.from_rotation_vector(fraction * np.deg2rad(np.asarray(self.rotate, float))),
             self.scale**fraction,
@@ -142,7 +142,7 @@ class Transform(Placing):
         return super().followed_by(later)
 
     def settled(self, at: Settling) -> dict[str, Any]:
-        """The turn in world axes, too, and each thing of several that turn or grow."""
+        """Return the rotation in world axes, too, and the separate things of a selection that turns or grows."""
         fields = super().settled(at)
         if self.beside is None:
             turn = at.axes if self.axes == "camera" else np.eye(3)
@@ -156,7 +156,7 @@ class Transform(Placing):
         return fields
 
     def times_as_much(self, factor: float) -> Transform:
-        """Distances in widths, and sizes; angles stay."""
+        """Return the transform with shifts in widths and sizes `factor` times as large; angles stay."""
         return replace(self, translate=self.further(factor), scale=self.scale**factor)
 
     def described(self) -> str:
@@ -204,7 +204,7 @@ class Transform(Placing):
 
     @classmethod
     def replies(cls) -> tuple[Reply, ...]:
-        """In percent of the target's width along the camera's axes; with a first frame alone it is a jump."""
+        """Return the reply for shifts in percent of the target's width along the camera's axes; a first frame alone is a jump."""
 
         def make(answer: Any, who: SelectKind, _: Any) -> Transform:
             jump = answer.first_frame >= 0 and answer.last_frame < 0
@@ -356,12 +356,12 @@ def _moving() -> tuple[Command, ...]:
 
 
 def scaled(by: float) -> Value:
-    """So many times as big."""
+    """Return a multiple of the size about the base."""
     return lambda who, when, _: Transform(who, scale=round(by, PLACES), pivot="base", **when.growth)
 
 
 def turned(rotate: Vector) -> Value:
-    """Degrees about the camera's axes; what goes all around "the whole time" takes that long."""
+    """Return a rotation in degrees about the camera's axes; a full one "the whole time" takes the whole clip."""
 
     def value(who: SelectKind, when: When, _: SentenceContext) -> Change:
         if when.kind == "always" and max(map(abs, rotate)) >= 360:
@@ -372,29 +372,29 @@ def turned(rotate: Vector) -> Value:
 
 
 def rotated(angle: float = 90.0, sense: int = 1) -> Value:
-    """Degrees about the vertical."""
+    """Return a rotation by degrees about the vertical."""
     return turned((0.0, sense * angle, 0.0))
 
 
 def spun(who: SelectKind, when: When, context: SentenceContext) -> Change:
-    """To turn by a right angle, or all around where it is said how long that lasts."""
+    """Return a rotation by a right angle; all around where the sentence says how long it lasts."""
     lasts = when.kind == "always" or (when.kind in ("range", "length", "in") and when.frames is not None)
     return rotated(360.0 if lasts else 90.0)(who, when, context)
 
 
 def tilted(angle: float = TILT, sense: int = 1) -> Value:
-    """Degrees to the side."""
+    """Return a rotation by degrees to the side."""
     return turned((0.0, 0.0, sense * angle))
 
 
 def moved(way: Steps, far: Distance | None = None) -> Value:
-    """Steps, the last by `far` where it has no distance of its own."""
+    """Return a shift by steps, of which those without a distance go `far`."""
     vector, unit = displacement(way, far, 1.0)
     return lambda who, when, _: Transform(who, translate=vector, unit=unit, axes="camera", **when.growth)
 
 
 def placed(place: Place) -> Value:
-    """To stand beside another thing."""
+    """Return a shift beside another thing."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         beside = place.other(context)
@@ -423,7 +423,7 @@ def _turned(
 
 
 def _no_count(x: float) -> float:
-    """A factor that is no number of copies: "1.5x"; Mismatch for "3x"."""
+    """Return a factor such as 1.5, which is no number of copies; Mismatch for a whole one."""
     if x == int(x):
         raise Mismatch
     return x

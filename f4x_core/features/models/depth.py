@@ -58,7 +58,7 @@ class DepthAnything:
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Any, model: str | Path) -> None:
-    """Provider `depth-anything` of the stage `depth`: the classical measurement, completed by the `model`.
+    """Provide the stage `depth` as `depth-anything`: the classical measurement, completed by the `model`.
 
     Fills `depth`, `depth_confidence` and sets the world unit like the classical one. Errors: F4xError without the weights.
     """
@@ -91,7 +91,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Any, mod
 
 
 def fit_to_measurement(relative: np.ndarray, measured: np.ndarray, sure: np.ndarray) -> tuple[np.ndarray, float]:
-    """Inverse depth (H,W) of a frame from the model's `relative` one, and the median relative difference to the measurement.
+    """Return a frame's inverse depth (H,W) from the model's `relative` one, and its median relative difference to the measurement.
 
     `measured (H,W)` inverse depth counts with the square of `sure (H,W)` 0..1. Scale and shift by least squares with Cauchy
     weights; a scale that is not positive means that the two contradict each other, and the measurement's mean is kept.

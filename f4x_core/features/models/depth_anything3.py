@@ -78,7 +78,7 @@ class DepthAnything3:
 
 
 def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress, model: str | Path) -> None:
-    """Cameras of the `model`, refined on static tracks.
+    """Provide cameras of the `model`, refined on static tracks.
 
     Fills `cameras`, `camera_kind` and `statistics["cameras"]` like the classical one. Errors: F4xError without package or
     weights.
@@ -99,7 +99,7 @@ def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: 
 
 
 def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress, model: str | Path) -> None:
-    """Depth of the `model` in the scale of the cameras, whoever made those.
+    """Provide depth of the `model` in the scale of the cameras, whichever provider made those.
 
     Fills `depth`, `depth_confidence`, `statistics["depth"]` and sets the world unit like the classical one. Errors: F4xError
     without package or weights.
@@ -131,7 +131,7 @@ def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pr
 
 
 def scale_to_tracks(inverse: np.ndarray, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
-    """Per frame what turns `inverse (F,H,W)` depth of unknown unit into the cameras' and the median relative difference left.
+    """Return the scale of each frame's `inverse (F,H,W)` depth to the cameras' unit, and the median relative difference left.
 
     Both `(F,)`, from the static tracks that the cameras triangulate; frames that see too few take their neighbours' scale and
     have no difference (NaN). All NaN where no frame sees enough.
@@ -154,8 +154,8 @@ def scale_to_tracks(inverse: np.ndarray, priors: Priors) -> tuple[np.ndarray, np
 
 def _views(clip: Clip, priors: Priors, progress: Progress, model: str | Path) -> tuple[str, Views]:
     """Return the name of the weights and the views of the supervised frames, predicted once per run for cameras and depth."""
-    key = f"views of {model}"
-    if key not in priors.scratch:
+    key, kept = f"views of {model}", priors.scratch.of_providers
+    if key not in kept:
         network = DepthAnything3(model)
         height, width = network.size(priors.width, priors.height)
         max_views = int(np.clip(MAX_PIXELS // (height * width), 3, MAX_VIEWS))
@@ -169,8 +169,8 @@ def _views(clip: Clip, priors: Priors, progress: Progress, model: str | Path) ->
 
         views = predict_in_one_world(predict, count, max_views)
         progress("model", count, count, "Depth Anything 3")
-        priors.scratch[key] = network.weights.name, views
-    return priors.scratch[key]
+        kept[key] = network.weights.name, views
+    return kept[key]
 
 
 def _extent(centers: np.ndarray) -> float:

@@ -101,7 +101,7 @@ def load_tokenizer(weights: Located) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without the library's bars and advice: this program reports by itself."""
+    """Silence the library's bars and advice: this program reports by itself."""
     logging = transformers.utils.logging
     level = logging.get_verbosity()
     logging.set_verbosity_error()

@@ -30,7 +30,7 @@ INSTALL = "pip install --no-deps depth-anything-3, then pip install einops omega
 
 
 def require_provider(stage: str, name: str) -> None:
-    """F4xError unless `stage` has a provider `name`, and the packages and weights that it needs are on this machine."""
+    """Raise F4xError unless `stage` has a provider `name` whose packages and weights are on this machine."""
     find(stage, name)
     if (stage, name) not in MODELS:
         return

@@ -62,7 +62,7 @@ def attend(attention: Any, x: torch.Tensor, mix: Mixing) -> torch.Tensor:
 
 
 def tipsv2_block(layer: Any, x: torch.Tensor, mix: Mixing) -> torch.Tensor:
-    """One block of TIPSv2's vision tower on tokens x (B,n,C)."""
+    """Apply one block of TIPSv2's vision tower to tokens x (B,n,C)."""
     x = x + layer.layer_scale1(attend(layer.attention, layer.norm1(x), mix))
     return x + layer.layer_scale2(layer.mlp(layer.norm2(x)))
 
@@ -79,7 +79,7 @@ class TextImageTeacher:
         """Patches along the side of one window."""
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """The grid has `cells * MAGNIFICATION` patches along the shorter side and keeps the aspect of the picture."""
+        """Return the spec: `cells * MAGNIFICATION` patches along the shorter side, in the aspect of the picture."""
         short = self.cells * MAGNIFICATION[self.name]
         scale = short / min(width, height)
         rows, columns = (max(short, round(side * scale)) for side in (height, width))

@@ -35,7 +35,7 @@ class Views:
         return len(self.depth)
 
     def poses(self) -> tuple[np.ndarray, np.ndarray]:
-        """Camera to world: quaternions (N, 4) and centres (N, 3)."""
+        """Return camera-to-world poses: quaternions (N, 4) and centres (N, 3)."""
         return pose.invert(*pose.from_matrix(self.world_to_camera))
 
 

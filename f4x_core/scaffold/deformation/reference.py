@@ -127,12 +127,7 @@ def blend_reference(relative: Array, weights: Array, strength: Array) -> tuple[A
 
 
 def deform(
-    times: np.ndarray,
-    xyz: np.ndarray,
-    quat: np.ndarray,
-    pairs: Pairs,
-    skinning: SkinningWeights,
-    time: float,
+    times: np.ndarray, xyz: np.ndarray, quat: np.ndarray, pairs: Pairs, skinning: SkinningWeights, time: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the motion `(q (N, 4), t (N, 3))` from every Gaussian's reference time to `time`.
 

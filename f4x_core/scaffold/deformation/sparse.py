@@ -22,7 +22,7 @@ with warnings.catch_warnings():
 
 
 def _times(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Hamilton product of component-first quaternions `(4, N)`.
+    """Return the Hamilton product of component-first quaternions `(4, N)`.
 
     `geometry.quaternion.multiply` on `(N, 4)` strides through memory; in the inner loop of the fit that costs twice.
     """
@@ -204,9 +204,11 @@ class Deformer:
         nodes: int,
         device: torch.device | str = "cpu",
     ):
-        """`times (F,)` of the scaffold, `reference (N,)` indices into it, `nodes` the number M of nodes in it.
+        """Pair each Gaussian with its nodes at its reference time.
 
         `neighbours (N, K)` are node indices, each Gaussian's attach node first.
+
+        `times (F,)` of the scaffold, `reference (N,)` indices into it, `nodes` the number M of nodes in it.
         """
         self.times = np.asarray(times, np.float64)
         neighbours, reference = _numpy(neighbours), _numpy(reference)
@@ -293,7 +295,7 @@ class Deformer:
 
 
 def _int32(array: np.ndarray, device: torch.device | str) -> torch.Tensor:
-    """CSR indices: the sparse kernels take 32 bits without a copy."""
+    """Return CSR indices of 32 bits, which the sparse kernels take without a copy."""
     return torch.as_tensor(np.ascontiguousarray(array, np.int32), device=device)
 
 

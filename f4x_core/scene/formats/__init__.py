@@ -143,7 +143,7 @@ def _offset_notes(offset: np.ndarray, format: Format) -> tuple[str, ...]:
 
 
 def _numbered(folder: Path, name: str, suffix: str, times: Sequence[float]) -> list[Path]:
-    """Paths in `folder`, one for each of `times`."""
+    """Return paths in `folder`, one for each of `times`."""
     whole = all(float(time).is_integer() and time >= 0 for time in times)
     numbers = [int(time) for time in times] if whole else list(range(len(times)))
     prefix = re.sub(r"[^\w-]+", "_", name).strip("_") or "scene"

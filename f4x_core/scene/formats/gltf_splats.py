@@ -266,8 +266,10 @@ def _local_matrix(node: dict[str, Any]) -> np.ndarray:
 
 
 def _joined(placed: list[tuple[Splats, float, np.ndarray, np.ndarray]]) -> Splats:
-    """Gaussians (splats, scale, turn (4,), shift (3,)) moved by their nodes, as one set; their harmonics go to each Gaussian's own
-    frame, which turns along."""
+    """Move Gaussians (splats, scale, turn (4,), shift (3,)) by their nodes and join them in one set.
+
+    Their harmonics are in each Gaussian's own frame, which turns along.
+    """
     parts = [splats for splats, *_ in placed]
     counts = [len(splats) for splats in parts]
     count = max(splats.sh.shape[1] for splats in parts)

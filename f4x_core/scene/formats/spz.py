@@ -222,7 +222,7 @@ def _unpacked(rows: list[np.ndarray], unit: float) -> Splats:
 
 
 def _fraction(reach: float) -> int:
-    """Most fractional bits with which a coordinate of `reach` units is a 24-bit number."""
+    """Return the most fractional bits with which a coordinate of `reach` units is a 24-bit number."""
     return int(np.clip(np.floor(np.log2(FIXED / max(reach, 1e-6))), 0, MAX_FRACTION))
 
 

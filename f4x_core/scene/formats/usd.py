@@ -290,8 +290,10 @@ def _write_part(
 
 
 def _shortest_turns(moments: Sequence[np.ndarray]) -> np.ndarray:
-    """Rows (N,) of `TURNS` after which the quaternions (N,4) of some moments take the fewest characters; those of the first
-    moment alone where their number changes."""
+    """Return rows (N,) of `TURNS` after which the quaternions (N,4) of some moments take the fewest characters.
+
+    Those of the first moment alone count where their number changes.
+    """
     same = [quats for quats in moments if len(quats) == len(moments[0])]
     aligned = quaternion.align_sequence(quaternion.normalize(np.stack(same)))
     return np.argmin([_characters(quaternion.multiply(aligned, turn)).sum(axis=0) for turn in TURNS], axis=0)
@@ -335,8 +337,10 @@ def _write_binary(path: Path, write_text: Callable[[Path], None]) -> None:
 
 
 def _samples(times: Sequence[float], texts: Iterator[bytes]) -> Iterator[tuple[float, bytes]]:
-    """The moments that are written: of some that follow each other with the same text the first and the last, because readers
-    interpolate between samples; after the last sample nothing changes."""
+    """Yield the moments to write: of several with the same text in a row the first and the last.
+
+    Readers interpolate between samples, and nothing changes after the last one.
+    """
     shown, held = b"", None
     for time, text in zip(times, texts, strict=True):
         if text == shown:

@@ -139,7 +139,7 @@ def mesh_of(
 
 
 def widest_time(scene: Scene, chosen: np.ndarray) -> float:
-    """The clip time at which the chosen Gaussians are spread over the largest volume: what is near each other belongs together.
+    """Return the clip time at which the chosen Gaussians fill the largest volume, where neighbours belong together.
 
     Times at which fewer than `MOST` of them are there do not count.
     """
@@ -186,7 +186,7 @@ def _led_astray(scene: Scene, rows: np.ndarray, follows: np.ndarray) -> int:
 
 
 def _surface(posed: PosedSplats, config: MeshConfig, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices (V,3) in the world, triangles (F,3), and (V,3) the mean colour of the Gaussians there."""
+    """Return vertices (V,3) in the world, triangles (F,3), and the mean color (V,3) of the Gaussians there."""
     grid = Grid.around(posed, config.resolution)
     widened = np.maximum(NARROWEST * grid.step - posed.scales.min(1), 0)
     field, sums = opacity_field(

@@ -15,7 +15,7 @@ AWAY = 0.02
 
 
 def _cases() -> list[tuple[np.ndarray, dict[int, list[list[tuple[int, int]]]]]]:
-    """For each tetrahedron: its corners (4,3) in the cube, and for each set of inner corners (bits) the triangles.
+    """Return for each tetrahedron its corners (4,3) in the cube, and the triangles of each set of inner corners (bits).
 
     The corners of a triangle are pairs (corner, corner) of the tetrahedron, the one nearer the cube's origin first. Seen from
     outside the triangles turn to the left.

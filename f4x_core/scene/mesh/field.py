@@ -96,7 +96,7 @@ def opacity_field(splats: Splats, grid: Grid, values: np.ndarray) -> tuple[np.nd
 
 
 def _blocks(count: np.ndarray) -> Iterator[np.ndarray]:
-    """Rows of `count (N,3)`, the grid points of each Gaussian along each axis, in blocks of alike numbers of them."""
+    """Yield rows of `count (N,3)`, the grid points of each Gaussian along each axis, in blocks of similar counts."""
     side = count.max(1)
     order = np.argsort(side, kind="stable")
     order = order[(count[order] > 0).all(1)]

@@ -1,4 +1,4 @@
-"""Marks of a user on one frame - points, a box or a mask - checked once for every mask decoder. Needs numpy alone."""
+"""Marks of a user on one frame - points, a box or a mask - checked. Needs numpy alone."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import F4xError
+from ..errors import F4xError
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def check_prompt(
 
 
 def check_frame(t: int, count: int) -> None:
-    """F4xError when the clip has no frame `t`."""
+    """Raise F4xError where the clip of `count` frames has no frame `t`."""
     if not 0 <= t < count:
         raise F4xError(f"There is no frame {t}: the clip has frames 0 to {count - 1}.")
 
