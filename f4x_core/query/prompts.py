@@ -26,6 +26,7 @@ from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
 from .objects import MOSTLY, graph_of, point_out
+from .outlines import within_outlines
 from .people import is_of_people, person_at, rows_of_people
 from .pixels import label_scores
 from .score import THRESHOLD, target_score
@@ -107,7 +108,8 @@ def text_selection(scene: Scene, query: TextQuery, options: SelectOptions = DEFA
     names = ", ".join(query.labels[: query.targets])
     probability = word_probabilities(scene, query) if options.calibrated else None
     if probability is not None:
-        return _selection(scene, without_shadow(scene, probability, options.config), options, names)
+        scores = without_shadow(scene, probability, options.config)
+        return _selection(scene, within_outlines(scene, scores, options.threshold, options.config), options, names)
     total, best = target_score(label_scores(query, scene.latents()), range(query.targets))
     return _selection(scene, np.clip(total, 0, 1), options, names, best)
 
@@ -170,6 +172,8 @@ def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOpt
         scores = _pointed_at(scene, marks, None, options)
     if scores is None:
         scores = _followed(scene, prompts, options)
+    elif not options.part:
+        scores = within_outlines(scene, scores, options.threshold, options.config)
     return _selection(scene, scores, options, _marked_at(prompts))
 
 
@@ -226,7 +230,9 @@ def _followed(scene: Scene, prompts: dict[int, dict], options: SelectOptions) ->
                 f"The prompt on frame {frame} marks nothing that stands out there; give a mask, or another point."
             )
     scores = follow_masks(scene, masks, decoder, options.config.follow, options.progress)
-    scores = without_shadow(scene, scores, options.config) if exact else scores
+    if exact:
+        scores = without_shadow(scene, scores, options.config)
+        scores = within_outlines(scene, scores, options.threshold, options.config)
     return _as_in_masks(scene, scores, exact, options.config.thing)
 
 
@@ -243,6 +249,7 @@ def select_by_evidence(
     scores = _pointed_at(scene, marks, None if words is None else words.scores, options)
     if scores is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
+    scores = within_outlines(scene, scores, options.threshold, options.config)
     size = (scene.cameras.height, scene.cameras.width)
     masks: dict[int, np.ndarray] = {}
     for mark in marks:

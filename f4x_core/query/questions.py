@@ -20,6 +20,7 @@ from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
 from ..scene import Scene
 from ..scene.people import single_people
 from ..scene.view import render
+from .camera_words import camera_words
 from .cast import moving_things, untaught_words
 from .chat import ChatServer, image_part
 from .connected_objects import SIDEWAYS, pick_object, separate_objects, way_across, width_along
@@ -521,6 +522,8 @@ MOVING = ("motion", "way", "far", "fast", "lasting", "order", "happens")
 
 def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: Encode | None = None) -> str:
     """The sentences for one question, from what was found."""
+    if asked.kind == "camera":
+        return camera_words(scene.cameras, asked)
     if asked.kind in CLIP_FACTS:
         frames = len(scene.cameras)
         seconds = frames / scene.fps

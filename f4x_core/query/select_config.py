@@ -264,8 +264,28 @@ class MatteConfig:
     """Greatest log-odds against the thing by the background."""
     favour: float = 1.0
     """Greatest log-odds for it: a pixel that the thing half covers differs, too."""
+    alike_behind: float = 0.07
+    """Difference from the background up to which a pixel within the outline may be that background: the ground between legs, a
+    shadow, ripples."""
+    doubt: float = 1.0
+    """Greatest log-odds by its coverage for such a pixel."""
     bond: float = 3.0
     """Bonds of full strength between neighbours, against a pixel's own probability."""
+
+
+@dataclass(frozen=True)
+class OutlineConfig:
+    """Lifting of refined outlines back to Gaussians (`outlines`)."""
+
+    views: int = 8
+    """Views, evenly over the clip, without its ends."""
+    columns: int = 240
+    """Their width in pixels."""
+    lifted: int = 480
+    """Width at which they are lifted: in small pictures Gaussians are drawn wider than they are, and rims seem to lie outside (of
+    car-shadow a click then finds .911 in place of .929)."""
+    seen: float = 0.3
+    """Least blend weight, in pixels of all these views at that width, of a Gaussian that they decide."""
 
 
 @dataclass(frozen=True)
@@ -284,6 +304,8 @@ class SelectConfig:
     """Following of masks through the clip."""
     matte: MatteConfig = field(default_factory=MatteConfig)
     """Refinement of outlines in pictures."""
+    outline: OutlineConfig = field(default_factory=OutlineConfig)
+    """Lifting of these outlines to Gaussians."""
 
 
 SELECT = SelectConfig()

@@ -1,0 +1,89 @@
+"""Which moving Gaussians belong to a thing, by its outlines as views of the clip show them. Needs numpy alone.
+
+Superpoints and features end softly: the ground between legs, a shadow or ripples come along with a thing, and an edit of it would
+show there. Its mattes are refined in some views (`matte`), and each moving Gaussian goes where most of it lies.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..clip.images import resize_nearest
+from ..geometry.arrays import evenly_spaced
+from ..geometry.trajectory import View
+from ..scene import Scene
+from ..scene.view import render
+from .blend_weights import lift_masks, view_size
+from .kept import Kept
+from .matte import background_of, refine_matte
+from .objects import MOSTLY
+from .select_config import SELECT, OutlineConfig, SelectConfig
+
+
+class Shown(NamedTuple):
+    """A view of a scene's clip."""
+
+    view: View
+    """Its camera and time."""
+    picture: np.ndarray
+    """(h,w,3) float32 sRGB of all of it."""
+    background: np.ndarray
+    """(h,w,4) float32 sRGB and alpha of what does not move."""
+
+
+_SHOWN: Kept[dict[int, Shown]] = Kept()
+
+
+def within_outlines(
+    scene: Scene, scores: np.ndarray, threshold: float = MOSTLY, config: SelectConfig = SELECT
+) -> np.ndarray:
+    """Return `scores (N,)` of a thing, 0 for moving Gaussians that lie mostly outside of its refined outlines, 1 for others inside.
+
+    Gaussians that the views hardly show, and static ones, keep theirs; so do all of a thing of which nothing moves, or most
+    would be lost. Outlines are those before edits; a copy goes with its original, and where copies are meant nothing is added.
+    """
+    base, copies = scene.base, np.arange(len(scene.ids)) >= len(scene.base.ids)
+    meant = (scores >= threshold) & (scores > 0)
+    chosen = np.zeros(len(base.ids), bool)
+    chosen[scene.origin[meant]] = True
+    if not chosen[base.moving].any():
+        return scores
+    views = views_of_outlines(base, config.outline)
+    high, wide = view_size(base, config.outline.lifted)
+    masks = {
+        frame: resize_nearest(
+            refine_matte(_coverage(base, chosen, shown), shown.picture, shown.background, config.matte), wide, high
+        )
+        for frame, shown in views.items()
+    }
+    fraction, total = lift_masks(base, masks)
+    sure, inside = base.moving & (total > config.outline.seen), fraction > MOSTLY
+    own = total * chosen * base.moving
+    if own[sure & ~inside].sum() > MOSTLY * own.sum():  # a shadow that was meant, or a thing like its background
+        return scores
+    sure, inside = sure[scene.origin], inside[scene.origin]
+    scores = np.where(sure & meant & ~inside, 0, scores)
+    return scores if meant[copies].any() else np.where(sure & ~meant & inside & ~copies, 1, scores)
+
+
+def views_of_outlines(scene: Scene, config: OutlineConfig = SELECT.outline) -> dict[int, Shown]:
+    """Return clip frame -> view for the views in which outlines are looked at, kept as long as the scene lives."""
+    return _SHOWN.get(scene.static, scene.dynamic, config, make=lambda: _views(scene, config))
+
+
+def _views(scene: Scene, config: OutlineConfig) -> dict[int, Shown]:
+    """Return clip frame -> view."""
+    cameras, (height, width) = scene.cameras, view_size(scene, config.columns)
+    shown = {}
+    for frame in evenly_spaced(len(cameras), config.views, ends=False).tolist():
+        view = View(cameras[frame].resized(width, height), float(cameras.times[frame]))
+        shown[frame] = Shown(view, render(scene, *view, ("rgb",))["rgb"], background_of(scene, view))
+    return shown
+
+
+def _coverage(scene: Scene, chosen: np.ndarray, shown: Shown) -> np.ndarray:
+    """Return (h,w) float32 in [0, 1]: what the Gaussians `chosen (N,)` bool cover of a view."""
+    values = {"chosen": chosen[:, None].astype(np.float32)}
+    return np.clip(render(scene, *shown.view, (), values=values)["chosen"][..., 0], 0, 1)
