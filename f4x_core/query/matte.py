@@ -219,7 +219,7 @@ def _colour_odds(
     has their mean.
     """
     rows = colour.reshape(-1, 3).astype(np.float32)
-    centres = k_means(rows, config.colours)
+    centres = k_means(rows, config.colours, config.sample)
     step = max(1, round(window / BLOCKS))
     height, width = (-(-size // step) for size in band.shape)
     y, x = (place // step for place in np.indices(band.shape))

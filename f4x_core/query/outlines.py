@@ -48,24 +48,30 @@ def within_outlines(
     meant = (scores >= threshold) & (scores > 0)
     chosen = np.zeros(len(base.ids), bool)
     chosen[scene.origin[meant]] = True
-    if not chosen[base.moving].any():
-        return scores
-    views = views_of_outlines(base, config.outline)
-    high, wide = view_size(base, config.outline.lifted)
-    masks = {
-        frame: resize_nearest(
-            refine_matte(_coverage(base, chosen, shown), shown.picture, shown.background, config.matte), wide, high
-        )
-        for frame, shown in views.items()
-    }
-    fraction, total = lift_masks(base, masks)
-    sure, inside = base.moving & (total > config.outline.seen), fraction > MOSTLY
-    own = total * chosen * base.moving
-    if own[sure & ~inside].sum() > MOSTLY * own.sum():  # a shadow that was meant, or a thing like its background
-        return scores
-    sure, inside = sure[scene.origin], inside[scene.origin]
-    scores = np.where(sure & meant & ~inside, 0, scores)
-    return scores if meant[copies].any() else np.where(sure & ~meant & inside & ~copies, 1, scores)
+    found = _found(base, chosen, config.outline) if chosen[base.moving].any() else chosen
+    lost, added = ((one & ~other)[scene.origin] for one, other in ((chosen, found), (found, chosen)))
+    scores = np.where(meant & lost, 0, scores)
+    return scores if meant[copies].any() else np.where(added & ~copies, 1, scores)
+
+
+def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarray:
+    """Return (N,) bool: the Gaussians of the thing that `chosen (N,)` bool show, by its outlines; all as they are if most are lost."""
+    high, wide = view_size(scene, config.lifted)
+    found = chosen
+    for _ in range(config.rounds):
+        masks = {
+            frame: resize_nearest(
+                refine_matte(_coverage(scene, found, shown), shown.picture, shown.background, config.matte), wide, high
+            )
+            for frame, shown in views_of_outlines(scene, config).items()
+        }
+        fraction, total = lift_masks(scene, masks)
+        sure = scene.moving & (total > config.seen)
+        found = np.where(sure, fraction > MOSTLY, found)
+        own = total * (chosen & scene.moving)
+        if own[~found].sum() > MOSTLY * own.sum():  # a shadow that was meant, or a thing like its background
+            return chosen
+    return found
 
 
 def views_of_outlines(scene: Scene, config: OutlineConfig = SELECT.outline) -> dict[int, Shown]:

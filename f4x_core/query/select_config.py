@@ -250,6 +250,8 @@ class MatteConfig:
     """Reach of pixels in the colour models, in widths of the picture; with 30 J is .005 less on camel, with 80 the same."""
     colours: int = 24
     """Main colours of the picture by which both models are histograms; with 40 the same within .001."""
+    sample: int = 4096
+    """Pixels that they are found by."""
     alike: float = 0.06
     """Standard deviation, in opponent colours (1 = black to white), of pixels that are of one main colour."""
     unknown: float = 0.05
@@ -264,10 +266,10 @@ class MatteConfig:
     """Greatest log-odds against the thing by the background."""
     favour: float = 1.0
     """Greatest log-odds for it: a pixel that the thing half covers differs, too."""
-    alike_behind: float = 0.07
+    alike_behind: float = 0.05
     """Difference from the background up to which a pixel within the outline may be that background: the ground between legs, a
-    shadow, ripples."""
-    doubt: float = 1.0
+    shadow, ripples. With .1 and `doubt` 1 mattes of the choosing half are .002 worse (J), and without both."""
+    doubt: float = 2.0
     """Greatest log-odds by its coverage for such a pixel."""
     bond: float = 3.0
     """Bonds of full strength between neighbours, against a pixel's own probability."""
@@ -275,12 +277,21 @@ class MatteConfig:
 
 @dataclass(frozen=True)
 class OutlineConfig:
-    """Lifting of refined outlines back to Gaussians (`outlines`)."""
+    """Lifting of refined outlines back to Gaussians (`outlines`).
+
+    Chosen on quick fits of camel, car-shadow, dog and blackswan, a click and a mask each: mean J of whole Gaussians .869 to .882,
+    of their mattes .879 to .889.
+    """
 
     views: int = 8
     """Views, evenly over the clip, without its ends."""
     columns: int = 240
-    """Their width in pixels."""
+    """Their width in pixels; with 320 and 480 J is the same within .003."""
+    rounds: int = 2
+    """The outlines of what is left are looked at again; with one round .880 and .887."""
+    matte: MatteConfig = field(default_factory=lambda: MatteConfig(alike_behind=0.1, doubt=1.0))
+    """Their refinement: over several views what looks like the background may be doubted more than in one. With (.07, 0), (.07, 1)
+    and (.05, 2) the mattes have .888, .888 and .887."""
     lifted: int = 480
     """Width at which they are lifted: in small pictures Gaussians are drawn wider than they are, and rims seem to lie outside (of
     car-shadow a click then finds .911 in place of .929)."""
