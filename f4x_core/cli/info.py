@@ -32,12 +32,13 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     shows = uncovered(scene)
     if shows is not None:
         info["uncovered"] = shows.to_json()
-    words = ", ".join(info["words"]) or "none"
+    words = ", ".join(info["words"])
     if unknown:
         kinds = ", ".join(dict.fromkeys(unknown.values()))
         words += f" (not looked for, since the teacher of words knows no {kinds}: {len(unknown)} more)"
     found = ", ".join(info["found"]) or "no word that is looked for"
-    long = [("uncovered", summary_of(shows)), ("answers to", found), ("looked for", words)]
+    long = [("uncovered", summary_of(shows)), ("answers to", found)]
+    long += [("looked for", words)] if words else []
     long += [("reading", sentence) for sentence in sentences(info["provenance"].get("reading"))]
     for title, text in long:
         first = f"{title + ':':<{MARGIN}}"

@@ -33,7 +33,7 @@ people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
 moments: time|times|moment|moments|second|seconds|(frame)
     number|frame|frames|point|points|instant|stage|timecode|timestamp|(time) [span|interval|period]
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
-filming: (the|my|our|this) [camera|cameraman|camera man|camera operator]
+filming: (the|my|our|this) camera
 swivel: {=turn/pan/tilt/rotate/swivel} (around|round|left|right|up|down|to the left|to the right)
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) <.pictures>

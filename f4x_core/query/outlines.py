@@ -1,7 +1,7 @@
-"""Which moving Gaussians belong to a thing, by its outlines as views of the clip show them. Needs numpy alone.
+"""The Gaussians of a thing that moves, by its outlines as views of the clip show them. Needs numpy alone.
 
 Superpoints and features end softly: the ground between legs, a shadow or ripples come along with a thing, and an edit of it would
-show there. Its mattes are refined in some views (`matte`), and each moving Gaussian goes where most of it lies.
+show there. Its mattes are refined in some views (`matte`), and each Gaussian goes where most of it lies.
 """
 
 from __future__ import annotations
@@ -39,16 +39,17 @@ _SHOWN: Kept[dict[int, Shown]] = Kept()
 def within_outlines(
     scene: Scene, scores: np.ndarray, threshold: float = MOSTLY, config: SelectConfig = SELECT
 ) -> np.ndarray:
-    """Return `scores (N,)` of a thing, 0 for moving Gaussians that lie mostly outside of its refined outlines, 1 for others inside.
+    """Return `scores (N,)` of a thing that moves, 0 for Gaussians mostly outside of its refined outlines, 1 for moving ones inside.
 
-    Gaussians that the views hardly show, and static ones, keep theirs; so do all of a thing of which nothing moves, or most
-    would be lost. Outlines are those before edits; a copy goes with its original, and where copies are meant nothing is added.
+    Gaussians that the views hardly show keep theirs; so do all of a thing that mostly stands, or of which most would be lost.
+    Outlines are those before edits; a copy goes with its original, and where copies are meant nothing is added.
     """
     base, copies = scene.base, np.arange(len(scene.ids)) >= len(scene.base.ids)
     meant = (scores >= threshold) & (scores > 0)
     chosen = np.zeros(len(base.ids), bool)
     chosen[scene.origin[meant]] = True
-    found = _found(base, chosen, config.outline) if chosen[base.moving].any() else chosen
+    moves = chosen[base.moving].sum() > MOSTLY * chosen.sum()
+    found = _found(base, chosen, config.outline) if moves else chosen
     lost, added = ((one & ~other)[scene.origin] for one, other in ((chosen, found), (found, chosen)))
     scores = np.where(meant & lost, 0, scores)
     return scores if meant[copies].any() else np.where(added & ~copies, 1, scores)
@@ -66,9 +67,9 @@ def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarra
             for frame, shown in views_of_outlines(scene, config).items()
         }
         fraction, total = lift_masks(scene, masks)
-        sure = scene.moving & (total > config.seen)
-        found = np.where(sure, fraction > MOSTLY, found)
-        own = total * (chosen & scene.moving)
+        inside = (fraction > MOSTLY) & (scene.moving | chosen)
+        found = np.where(total > config.seen, inside, found)
+        own = total * chosen
         if own[~found].sum() > MOSTLY * own.sum():  # a shadow that was meant, or a thing like its background
             return chosen
     return found

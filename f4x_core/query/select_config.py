@@ -283,8 +283,8 @@ class OutlineConfig:
     of their mattes .879 to .889.
     """
 
-    views: int = 8
-    """Views, evenly over the clip, without its ends."""
+    views: int = 5
+    """Views, evenly over the clip, without its ends; eight find the same within .001."""
     columns: int = 240
     """Their width in pixels; with 320 and 480 J is the same within .003."""
     rounds: int = 2

@@ -95,7 +95,7 @@ def test_the_background_is_the_scene_without_what_moves():
     scene = labelled_scene()
     view = View(scene.cameras[1], 1.0)
     still = render(Scene("still", scene.static, scene.cameras), *view, ("rgb", "alpha"))
-    found = matte._background(scene, view, "auto")
+    found = matte.background_of(scene, view, "auto")
     np.testing.assert_allclose(found, np.dstack([still["rgb"], still["alpha"]]), atol=1e-5)
 
 
