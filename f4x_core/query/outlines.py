@@ -56,7 +56,7 @@ def within_outlines(
 
 
 def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarray:
-    """Return (N,) bool: the Gaussians of the thing that `chosen (N,)` bool show, by its outlines; all as they are if most are lost."""
+    """Return (N,) bool: the Gaussians of the thing that `chosen (N,)` bool show, by its outlines; `chosen` if most are lost."""
     high, wide = view_size(scene, config.lifted)
     found = chosen
     for _ in range(config.rounds):

@@ -90,7 +90,7 @@ def _pieces(blue: np.ndarray) -> list[np.ndarray]:
 
 
 def _strips(piece: np.ndarray) -> list[np.ndarray]:
-    """Return the parts `(h,w)` bool of a piece in upright strips, without small ones: clouds cut the sky, and a point sees as far."""
+    """Return the parts `(h,w)` bool of a piece in upright strips, without small ones: clouds cut the sky into several."""
     strip = np.arange(piece.shape[1]) // STRIP
     parts = [piece & (strip == one) for one in np.unique(strip)]
     return [part for part in parts if part.mean() >= AREA * STRIP / piece.shape[1]]
