@@ -9,7 +9,7 @@ from ..geometry.camera import CameraPath
 from .wording import Asked
 
 SHIFT = 0.005
-"""World units (1 = median depth) up to which a camera stays in its place: what a tripod's path differs by after a fit."""
+"""World units (1 = median depth) up to which a camera stays in its place."""
 TURN = 0.3
 """Degrees up to which it does not turn."""
 ONE_WAY = 0.5
@@ -30,12 +30,10 @@ def camera_words(path: CameraPath, asked: Asked) -> str:
     if degrees > TURN:
         does.append(f"turns{_way(rotations)} by up to {degrees:.{degrees < 10:d}f} degrees")
     answer = asked.yes(degrees > TURN if asked.manner == "turn" else bool(does))
-    if not does:
-        return f"{answer}: the camera stands still." if answer else "The camera stands still."
-    if apart <= SHIFT:
+    if does and apart <= SHIFT:
         does.append("stays in its place")
-    sentence = f"he camera {' and '.join(does)}."
-    return f"{answer}: t{sentence}" if answer else f"T{sentence}"
+    sentence = f"the camera {' and '.join(does) or 'stands still'}."
+    return f"{answer}: {sentence}" if answer else sentence.capitalize()
 
 
 def _way(rotations: np.ndarray) -> str:

@@ -71,7 +71,9 @@ def test_other_questions_about_it(question, words):
     assert answer(labelled_scene(cameras=path(shift=(0.3, 0, 0.4))), question).text.startswith(words)
 
 
-@pytest.mark.parametrize("question", ["Does the camera zoom?", "Which lens does the camera have?", "Who holds the camera?"])
+@pytest.mark.parametrize(
+    "question", ["Does the camera zoom?", "Which lens does the camera have?", "Who holds the camera?"]
+)
 def test_what_it_was_set_to_is_refused(question):
     with pytest.raises(F4xError, match="cannot tell"):
         answer(labelled_scene(), question)
