@@ -37,12 +37,13 @@ _SHOWN: Kept[dict[int, Shown]] = Kept()
 
 
 def within_outlines(
-    scene: Scene, scores: np.ndarray, threshold: float = MOSTLY, config: SelectConfig = SELECT
+    scene: Scene, scores: np.ndarray, threshold: float = MOSTLY, config: SelectConfig = SELECT, adds: bool = True
 ) -> np.ndarray:
     """Return `scores (N,)` of a thing that moves, 0 for Gaussians mostly outside of its refined outlines, 1 for moving ones inside.
 
     Gaussians that the views hardly show keep theirs; so do all of a thing that mostly stands, or of which most would be lost.
-    Outlines are those before edits; a copy goes with its original, and where copies are meant nothing is added.
+    Outlines are those before edits; a copy goes with its original, and where copies are meant, or without `adds`, none is
+    added.
     """
     base, copies = scene.base, np.arange(len(scene.ids)) >= len(scene.base.ids)
     meant = (scores >= threshold) & (scores > 0)
@@ -52,7 +53,7 @@ def within_outlines(
     found = _found(base, chosen, config.outline) if moves else chosen
     lost, added = ((one & ~other)[scene.origin] for one, other in ((chosen, found), (found, chosen)))
     scores = np.where(meant & lost, 0, scores)
-    return scores if meant[copies].any() else np.where(added & ~copies, 1, scores)
+    return scores if meant[copies].any() or not adds else np.where(added & ~copies, 1, scores)
 
 
 def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarray:

@@ -37,6 +37,9 @@ from .selection import Selection, fingerprint
 ASPECT_TOLERANCE = 0.01
 """Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
 
+CAST_TOO = 0.1
+"""Fraction of a thing's Gaussians that are cast from which several marks mean its shadow or its ripples, too."""
+
 
 @dataclass(frozen=True)
 class SelectOptions:
@@ -170,10 +173,10 @@ def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOpt
     if options.decoder is None and all(prompt.mask is None for prompt in checked.values()):
         marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]
         scores = _pointed_at(scene, marks, None, options)
+        if scores is not None and not options.part:
+            scores = _outlined(scene, scores, marks, options)
     if scores is None:
         scores = _followed(scene, prompts, options)
-    elif not options.part:
-        scores = within_outlines(scene, scores, options.threshold, options.config)
     return _selection(scene, scores, options, _marked_at(prompts))
 
 
@@ -249,7 +252,7 @@ def select_by_evidence(
     scores = _pointed_at(scene, marks, None if words is None else words.scores, options)
     if scores is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
-    scores = within_outlines(scene, scores, options.threshold, options.config)
+    scores = _outlined(scene, scores, marks, options)
     size = (scene.cameras.height, scene.cameras.width)
     masks: dict[int, np.ndarray] = {}
     for mark in marks:
@@ -258,6 +261,18 @@ def select_by_evidence(
     scores = _as_in_masks(scene, scores, masks, options.config.thing, adds=all(mark.on for mark in marks))
     label = _marked_at(sorted({mark.frame for mark in marks}))
     return _selection(scene, scores, options, label if words is None else f"{words.label}, {label}")
+
+
+def _outlined(scene: Scene, scores: np.ndarray, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray:
+    """`scores (N,)` of a thing, `within_outlines`; as they are where several marks mean what is cast, too.
+
+    None is added where marks are on what is not meant.
+    """
+    superpoints = graph_of(scene, options.config).moving
+    held = superpoints.gather(scores)
+    if len(marks) > 1 and held[superpoints.cast].sum() > CAST_TOO * held.sum():
+        return scores
+    return within_outlines(scene, scores, options.threshold, options.config, adds=all(mark.on for mark in marks))
 
 
 def _as_in_masks(
