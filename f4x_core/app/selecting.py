@@ -30,7 +30,6 @@ from ..query.prompts import (
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
-from ..scene.view import render
 from .encoding import encoder
 from .paths import Film
 
@@ -127,12 +126,10 @@ def write_selection(
         file.write(json_text(selection.to_json()).encode())
 
     def images() -> Iterator[np.ndarray]:
-        for index, weights in enumerate(mask_video(scene, selection, film.views, backend, progress=progress)):
+        for index, shown in enumerate(mask_video(scene, selection, film.views, backend, progress=progress)):
             with replace_file(folder / "mask" / f"{index:05d}.png") as file:
-                Image.fromarray((weights > SHOWN).astype(np.uint8) * 255).save(file, "PNG")
-            camera, time = film.views[index]
-            rgb = render(scene, camera, time, ("rgb",), backend)["rgb"]
-            yield heat_map(rgb, coverage_image(scene, selection, camera, time, backend, soft=True))
+                Image.fromarray((shown.matte > SHOWN).astype(np.uint8) * 255).save(file, "PNG")
+            yield heat_map(shown.picture, shown.scores)
 
     write_video(folder / "heat.mp4", images(), scene.fps, film.times)
 

@@ -10,10 +10,10 @@ from ..edit.apply import open_scene
 from ..edit.uncovered import summary_of, uncovered
 from ..printing import one_line
 from ..progress import Progress
-from ..query.knowledge import known_words, unknown_kinds
+from ..query.knowledge import known_words, unknown_kinds, words_found
 from ..scene.runs import run_lengths
 
-MARGIN = 11
+MARGIN = 12
 """Characters before what is told of a scene."""
 LINE = 110
 """Characters of a line of what may take several."""
@@ -27,16 +27,18 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         runs = run_lengths([scene.scaffold.xyz, scene.scaffold.quat, scene.scaffold.certain])
         info["poses"] = {"all": scene.scaffold.certain.size, "kept": len(runs)}
     unknown = unknown_kinds(scene)
-    info["words"], info["unknown_words"] = known_words(scene), [*unknown]
+    info["words"], info["unknown_words"], info["found"] = known_words(scene), [*unknown], words_found(scene)
     lines = [f"{name + ':':<{MARGIN}}{one_line(value)}" for name, value in summary(info).items()]
     shows = uncovered(scene)
     if shows is not None:
         info["uncovered"] = shows.to_json()
-    words = ", ".join(info["words"]) or "none"
+    words = ", ".join(info["words"])
     if unknown:
         kinds = ", ".join(dict.fromkeys(unknown.values()))
         words += f" (not looked for, since the teacher of words knows no {kinds}: {len(unknown)} more)"
-    long = [("uncovered", summary_of(shows)), ("words", words)]
+    found = ", ".join(info["found"]) or "no word that is looked for"
+    long = [("uncovered", summary_of(shows)), ("answers to", found)]
+    long += [("looked for", words)] if words else []
     long += [("reading", sentence) for sentence in sentences(info["provenance"].get("reading"))]
     for title, text in long:
         first = f"{title + ':':<{MARGIN}}"

@@ -16,6 +16,7 @@ from ..features.null import null_vector
 from ..scene import Scene
 from .labels import TextQuery
 from .objects import graph_of
+from .outlines import views_of_outlines
 from .score import TEMPERATURE, THRESHOLD, cosines, logistic
 from .smoothing import Patches, group_of
 
@@ -78,8 +79,11 @@ def split(values: np.ndarray, weights: np.ndarray) -> Split:
 
 
 def prepare(scene: Scene) -> None:
-    """Group the scene and decode the features that words need, so that the first query is as fast as later ones."""
+    """Group the scene, draw the views that show outlines and decode the features that words need: the first query then is as fast
+    as later ones."""
     graph_of(scene)
+    if scene.moving.any():
+        views_of_outlines(scene.base)
     if scene.features is None:
         return
     patches = group_of(scene)

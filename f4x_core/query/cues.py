@@ -33,6 +33,8 @@ people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
 moments: time|times|moment|moments|second|seconds|(frame)
     number|frame|frames|point|points|instant|stage|timecode|timestamp|(time) [span|interval|period]
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
+filming: (the|my|our|this) camera
+swivel: {=turn/pan/tilt/rotate/swivel} (around|round|left|right|up|down|to the left|to the right)
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) <.pictures>
 see: see|found|{=find/spot/recognize/detect}|notice|make out|observe|look for
@@ -321,6 +323,10 @@ CUES = _read(_CUES)
 ROWS = """
 what_is: what-is-it
 frames: frames clip lasts | frames clip? lasts?
+polar camera: filming move not?
+polar camera manner=turn: filming swivel not?
+polar camera says=not: filming rest not?
+camera: how filming move | far filming move | how filming swivel | far filming swivel
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
 order: sort? order? contents? everything? thing? by-what? us? order-by stands? comes? | order thing? everything? start?
     move? | who first start? move thing?

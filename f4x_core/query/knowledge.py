@@ -13,8 +13,8 @@ from ..language.lexicon import spellings
 from ..scene import Scene
 from ..scene.people import people_of
 from .calibration import evidence
-from .cast import SURFACES, needs_no_teacher, with_untaught
-from .inventory import PERSON, instead, labels_of
+from .cast import SURFACES, needs_no_teacher, untaught_words, with_untaught
+from .inventory import PERSON, find, instead, labels_of, words_there
 from .labels import Encode, ask_for, text_head
 from .people import each_person, names_people
 from .score import cosines
@@ -34,6 +34,20 @@ def known_words(scene: Scene) -> list[str]:
     unknown = unknown_kinds(scene)
     words = with_untaught(scene, [*labels_of(scene), *each_person(scene, PERSON)], SURFACES)
     return [label for label in dict.fromkeys(words) if label not in unknown]
+
+
+def words_found(scene: Scene) -> list[str]:
+    """Return the words that surely select something in a scene: of its vocabulary, for its people, and for surfaces."""
+    there, sure = words_there(scene)
+    return [*(there if sure else []), *(word for word in untaught_words(scene, SURFACES) if _is_there(scene, word))]
+
+
+def _is_there(scene: Scene, surface: str) -> bool:
+    """Return True if a scene shows one of `cast.SURFACES`."""
+    try:
+        return bool(find(scene, surface).chosen.any())
+    except F4xError:
+        return False
 
 
 def unknown_kinds(scene: Scene) -> dict[str, str]:

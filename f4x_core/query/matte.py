@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,9 +63,16 @@ def mattes(
 ) -> np.ndarray:
     """Return the mattes (H,W,K) float32 of the Gaussians `chosen (N,K)` bool: what they cover (sum of blend weights), refined."""
     drawn = render(scene, *view, ("rgb",), backend, values={"chosen": chosen.astype(np.float32)})
+    return _refined(scene, chosen, drawn, view, backend, config)
+
+
+def _refined(
+    scene: Scene, chosen: np.ndarray, drawn: Mapping[str, np.ndarray], view: View, backend: str, config: MatteConfig
+) -> np.ndarray:
+    """Return `mattes` by the picture "rgb" and the coverage "chosen" (H,W,K) that are `drawn` of a view."""
     coverage = np.clip(drawn["chosen"], 0, 1)
     moves = (chosen & scene.moving[:, None]).sum(0) > MOSTLY * chosen.sum(0)
-    behind = _background(scene, view, backend) if moves.any() else None
+    behind = background_of(scene, view, backend) if moves.any() else None
     parts = [
         refine_matte(own, drawn["rgb"], behind if moves[k] else None, config)
         for k, own in enumerate(np.moveaxis(coverage, -1, 0))
@@ -99,14 +107,33 @@ def refine_passes(
     return _shared_out(coverage, fine, under)
 
 
+class MaskedView(NamedTuple):
+    """A view of a scene in which something is selected."""
+
+    matte: np.ndarray
+    """(H,W) float32 in [0, 1], as `matte_image`; above `pixels.SHOWN` is the mask."""
+    picture: np.ndarray
+    """(H,W,3) float32 sRGB."""
+    scores: np.ndarray
+    """(H,W) float32 in [0, 1]: what all Gaussians cover, by their scores."""
+
+
 def mask_video(
     scene: Scene, selection: Selection, trajectory: Trajectory, backend: str = "auto", progress: Progress = silent
-) -> Iterator[np.ndarray]:
-    """Yield `matte_image` of every view; above `pixels.SHOWN` is the mask."""
+) -> Iterator[MaskedView]:
+    """Yield what is selected in every view; mattes and scores are 0 outside the selection's span."""
     selection = selection.for_ids(scene.ids)
+    chosen = selection.chosen[:, None]
+    values = {"chosen": chosen.astype(np.float32), "scores": selection.scores[:, None].astype(np.float32)}
     for done, (camera, time) in enumerate(trajectory):
         progress("mask", done, len(trajectory))
-        yield matte_image(scene, selection, camera, time, backend)
+        view, nothing = View(camera, time), np.zeros((camera.height, camera.width), np.float32)
+        if selection.holds_at(time):
+            drawn = render(scene, *view, ("rgb",), backend, values=values)
+            matte = _refined(scene, chosen, drawn, view, backend, SELECT.matte)[..., 0]
+            yield MaskedView(matte, drawn["rgb"], np.clip(drawn["scores"][..., 0], 0, 1))
+        else:
+            yield MaskedView(nothing, render(scene, *view, ("rgb",), backend)["rgb"], nothing)
     progress("mask", len(trajectory), len(trajectory))
 
 
@@ -115,7 +142,8 @@ def refine_matte(
 ) -> np.ndarray:
     """Return `coverage (H,W)`, anew within `config.reach` of its outline, by the sRGB `picture (H,W,3)` that shows the thing.
 
-    `background (H,W,4)`: sRGB and alpha of what is behind; None: not known.
+    `background (H,W,4)`: sRGB and alpha of what is behind; None: not known. Where the thing looks like it, as the ground
+    between its legs does, coverage is in doubt within the outline, too.
     """
     width = coverage.shape[1]
     reach, window = (max(1, round(size * width)) for size in (config.reach, config.window))
@@ -124,22 +152,25 @@ def refine_matte(
     band = (count[..., 0] > 0) & (count[..., 0] < count[..., 1])
     if not band.any():
         return coverage
-    part = tuple(slice(max(0, int(at.min()) - window), int(at.max()) + window + 1) for at in np.nonzero(band))
+    part = tuple(slice(max(0, int(at.min()) - window), int(at.max()) + window + 1) for at in np.nonzero(band | inside))
     band, inside, near = band[part], inside[part], coverage[part].astype(float)
     colour = np.clip(picture[part], 0, 1).astype(float) @ OPPONENT.T
     odds = np.clip(near, UNCERTAIN, 1 - UNCERTAIN)
     odds = np.log(odds / (1 - odds))
-    odds[band] += _colour_odds(colour, band, inside, window, config)
     if background is not None:
+        known = background[part][..., 3] > BEHIND
         apart = unlike(picture[part], background[part][..., :3])
+        alike = inside & known & (apart < config.alike_behind)
+        band |= alike
         by_background = np.clip((apart - config.differs) / config.unsure, -config.against, config.favour)
-        odds += np.where(background[part][..., 3] > BEHIND, by_background, 0)
+        odds = np.where(alike, np.minimum(odds, config.doubt), odds) + np.where(known, by_background, 0)
+    odds[band] += _colour_odds(colour, band, inside, window, config)
     refined = coverage.copy()
     refined[part] = walk_with_prior(_bonds(colour, band, config), logistic(odds), np.where(band, np.nan, near), 1.0)
     return refined
 
 
-def _background(scene: Scene, view: View, backend: str) -> np.ndarray:
+def background_of(scene: Scene, view: View, backend: str = "auto") -> np.ndarray:
     """Return (H,W,4) sRGB and alpha of the scene without its moving Gaussians."""
     cloud = replace(Cloud.of_scene(scene, view.time), layers={MOVES: scene.moving[:, None]})
     still = _without_movers(Take([cloud], [], view.camera), DrawSettings(backend=backend))
@@ -188,7 +219,7 @@ def _colour_odds(
     has their mean.
     """
     rows = colour.reshape(-1, 3).astype(np.float32)
-    centres = k_means(rows, config.colours)
+    centres = k_means(rows, config.colours, config.sample)
     step = max(1, round(window / BLOCKS))
     height, width = (-(-size // step) for size in band.shape)
     y, x = (place // step for place in np.indices(band.shape))

@@ -26,6 +26,7 @@ from .labels import Encode, TextQuery, ask_for
 from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
 from .objects import MOSTLY, graph_of, point_out
+from .outlines import within_outlines
 from .people import person_at, rows_of_people
 from .pixels import label_scores
 from .score import THRESHOLD, target_score
@@ -35,6 +36,9 @@ from .selection import Selection, fingerprint
 
 ASPECT_TOLERANCE = 0.01
 """Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
+
+CAST_TOO = 0.1
+"""Fraction of a thing's Gaussians that are cast from which several marks mean its shadow or its ripples, too."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,8 @@ def text_selection(scene: Scene, query: TextQuery, options: SelectOptions = DEFA
     names = ", ".join(query.labels[: query.targets])
     probability = word_probabilities(scene, query) if options.calibrated else None
     if probability is not None:
-        return _selection(scene, without_shadow(scene, probability, options.config), options, names)
+        scores = without_shadow(scene, probability, options.config)
+        return _selection(scene, within_outlines(scene, scores, options.threshold, options.config), options, names)
     total, best = target_score(label_scores(query, scene.latents()), range(query.targets))
     return _selection(scene, np.clip(total, 0, 1), options, names, best)
 
@@ -166,6 +171,8 @@ def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOpt
     if options.decoder is None and all(prompt.mask is None for prompt in checked.values()):
         marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]
         scores = _pointed_at(scene, marks, None, options)
+        if scores is not None and not options.part:
+            scores = _outlined(scene, scores, marks, options)
     if scores is None:
         scores = _followed(scene, prompts, options)
     return _selection(scene, scores, options, _marked_at(prompts))
@@ -224,7 +231,9 @@ def _followed(scene: Scene, prompts: dict[int, dict], options: SelectOptions) ->
                 f"The prompt on frame {frame} marks nothing that stands out there; give a mask, or another point."
             )
     scores = follow_masks(scene, masks, decoder, options.config.follow, options.progress)
-    scores = without_shadow(scene, scores, options.config) if exact else scores
+    if exact:
+        scores = without_shadow(scene, scores, options.config)
+        scores = within_outlines(scene, scores, options.threshold, options.config)
     return _as_in_masks(scene, scores, exact, options.config.thing)
 
 
@@ -241,6 +250,7 @@ def select_by_evidence(
     scores = _pointed_at(scene, marks, None if words is None else words.scores, options)
     if scores is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
+    scores = _outlined(scene, scores, marks, options)
     size = (scene.cameras.height, scene.cameras.width)
     masks: dict[int, np.ndarray] = {}
     for mark in marks:
@@ -249,6 +259,18 @@ def select_by_evidence(
     scores = _as_in_masks(scene, scores, masks, options.config.thing, adds=all(mark.on for mark in marks))
     label = _marked_at(sorted({mark.frame for mark in marks}))
     return _selection(scene, scores, options, label if words is None else f"{words.label}, {label}")
+
+
+def _outlined(scene: Scene, scores: np.ndarray, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray:
+    """`scores (N,)` of a thing, `within_outlines`; as they are where several marks mean what is cast, too.
+
+    None is added where marks are on what is not meant.
+    """
+    superpoints = graph_of(scene, options.config).moving
+    held = superpoints.gather(scores)
+    if len(marks) > 1 and held[superpoints.cast].sum() > CAST_TOO * held.sum():
+        return scores
+    return within_outlines(scene, scores, options.threshold, options.config, adds=all(mark.on for mark in marks))
 
 
 def _as_in_masks(

@@ -20,6 +20,7 @@ from ..language.lexicon import FUNCTION_WORDS, is_adverb, spellings, word_set
 from ..scene import Scene
 from ..scene.people import single_people
 from ..scene.view import render
+from .camera_words import camera_words
 from .cast import moving_things, with_untaught
 from .chat import ChatServer, image_part
 from .connected_objects import SIDEWAYS, pick_object, separate_objects, way_across, width_along
@@ -516,6 +517,8 @@ MOVING = ("motion", "way", "far", "fast", "lasting", "order", "happens")
 
 def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: Encode | None = None) -> str:
     """Return the sentences for one question, from the sightings."""
+    if asked.kind == "camera":
+        return camera_words(scene.cameras, asked)
     if asked.kind in CLIP_FACTS:
         frames = len(scene.cameras)
         seconds = frames / scene.fps

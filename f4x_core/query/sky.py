@@ -31,6 +31,8 @@ STILL = 0.3
 """Fraction of a pixel up to which moving Gaussians may cover it."""
 WINDOW = 9
 """Pixels of a window of 3 x 3."""
+STRIP = 16
+"""Columns of a strip of the sky in which a point is taken."""
 TOP, AREA = 0.1, 0.01
 """Least fraction of the picture's columns in which it reaches the upper edge, and of the picture that it covers."""
 
@@ -50,7 +52,7 @@ def sky_scores(scene: Scene) -> np.ndarray:
 
 
 def points_on_sky(scene: Scene) -> list[Point]:
-    """Return one point on each large piece of blue sky, on some frames.
+    """Return points on each large piece of blue sky, one in each upright strip of it, on some frames.
 
     It is blue and bright, above the horizon, static, and reaches the upper edge of the picture. Chosen on horsejump-high, parkour,
     car-shadow, drift-straight and people-walk. Raises F4xError where no frame shows any: a grey sky may be a wall.
@@ -63,9 +65,10 @@ def points_on_sky(scene: Scene) -> list[Point]:
             " it."
         )
     return [
-        Point(frame, at=_middle(piece, scene.cameras.width))
+        Point(frame, at=_middle(strip, scene.cameras.width))
         for frame, found in zip(frames, pieces, strict=True)
         for piece in found
+        for strip in _strips(piece)
     ]
 
 
@@ -84,6 +87,13 @@ def _pieces(blue: np.ndarray) -> list[np.ndarray]:
     number = np.where(blue, connected_regions(blue), -1)
     pieces = (number == one for one in np.unique(number[0]) if one >= 0)
     return [piece for piece in pieces if piece[0].mean() >= TOP and piece.mean() >= AREA]
+
+
+def _strips(piece: np.ndarray) -> list[np.ndarray]:
+    """Return the parts `(h,w)` bool of a piece in upright strips, without small ones: clouds cut the sky into several."""
+    strip = np.arange(piece.shape[1]) // STRIP
+    parts = [piece & (strip == one) for one in np.unique(strip)]
+    return [part for part in parts if part.mean() >= AREA * STRIP / piece.shape[1]]
 
 
 def _middle(piece: np.ndarray, width: int) -> tuple[float, float]:

@@ -103,7 +103,7 @@ SUBJECTS = (
         r"\bpaint|\btexture|\bmade of\b|\bmaterial|\bheavy|\bweigh|\bhow old\b|\bbrand|\bbreed",
         "what something is made of, weighs or is called",
     ),
-    (r"\bcamera|\blens|\bfocal|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
+    (r"\bcamera|\blens|\bfocal|\bshutter|\bexposure|\bzoom", "what the camera was set to or did beyond moving"),
     (r"\bthink|\bfeel|\bsay\b|\bsays\b|\bsound|\bhear|\bwrit", "what is thought, said or written"),
     (r"\bwhat will\b|\bhappens? next\b|\btomorrow\b", "what comes after the clip"),
     (
@@ -348,8 +348,8 @@ def _rows() -> Iterator[_Row]:
 
 _NOUN_CUES = word_set("fast gap big where path duration which-color rate order least how-many far most-far")
 """Cues that may be nouns: "what is the speed"."""
-CLIP_FACTS = ("frames", "long", "rate")
-"""Kinds of question about the clip itself."""
+CLIP_FACTS = ("frames", "long", "rate", "camera")
+"""Kinds of question about the clip itself; `camera`: how it moved."""
 _ROWS = tuple(_rows())
 _EMPTY, _LOOSELY, _UNKNOWN = 3, 20, 100
 """Costs of a word that adds nothing, of such a word, and of any word."""

@@ -248,7 +248,7 @@ def test_the_folder_of_a_fit_is_its_scene(tmp_path, capsys):
     assert main(["info", str(tmp_path)]) == 0
     result = capsys.readouterr().out
     assert main(["info", str(tmp_path / "scene.f4x")]) == 0 and capsys.readouterr().out == result
-    assert "\nwords:     square, wall" in result
+    assert "\nlooked for: square, wall" in result
     assert "there is no such file" in fails(capsys, "info", tmp_path / "nowhere")
 
 

@@ -95,7 +95,7 @@ def test_the_background_is_the_scene_without_what_moves():
     scene = labelled_scene()
     view = View(scene.cameras[1], 1.0)
     still = render(Scene("still", scene.static, scene.cameras), *view, ("rgb", "alpha"))
-    found = matte._background(scene, view, "auto")
+    found = matte.background_of(scene, view, "auto")
     np.testing.assert_allclose(found, np.dstack([still["rgb"], still["alpha"]]), atol=1e-5)
 
 
@@ -139,3 +139,16 @@ def test_what_is_blurred_is_not_refined():
         ["alpha"],
         refine=lambda *given: pytest.fail("blurred"),
     )
+
+
+def test_what_looks_like_the_background_within_the_outline_is_in_doubt():
+    """A hole of the ground's own texture far inside of a covered disc: gone where the ground is known, and only there."""
+    hole = np.hypot(X - 200, Y - 60) < 20
+    ground = np.clip(GREEN + 0.04 * NOISE, 0, 1)
+    picture = np.where((DISC & ~hole)[..., None], RED + 0.04 * NOISE, ground)
+    known, unknown = (
+        refine_matte(shifted(0), picture, np.concatenate([ground, np.full((*SHAPE, 1), alpha)], -1)) > 0.5
+        for alpha in (1.0, 0.5)
+    )
+    assert known[hole].mean() < 0.1 and unknown[hole].all()
+    assert known[DISC & ~hole].mean() > 0.95

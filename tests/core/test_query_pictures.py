@@ -174,7 +174,17 @@ def test_a_mask_video_is_made_of_mattes(scene, wide):
     shuffled = replace(chosen_by(scene, scores[order]), ids=scene.ids[order])
     views = [(wide, 0.0), (scene.cameras[1], 1.0)]
     expected = [matte.matte_image(scene, chosen_by(scene, scores), *view) for view in views]
-    np.testing.assert_array_equal(list(matte.mask_video(scene, shuffled, views)), expected)
+    for shown, (camera, time), mask in zip(matte.mask_video(scene, shuffled, views), views, expected, strict=True):
+        np.testing.assert_array_equal(shown.matte, mask)
+        np.testing.assert_array_equal(shown.picture, render(scene, camera, time, ("rgb",))["rgb"])
+        np.testing.assert_array_equal(shown.scores, pixels.coverage_by(scene, scores, camera, time))
+
+
+def test_a_mask_video_is_empty_outside_the_span(scene):
+    chosen = replace(chosen_by(scene, np.ones(len(scene.ids))), span=(1.0, 2.0))
+    before, within = matte.mask_video(scene, chosen, [(scene.cameras[0], 0.0), (scene.cameras[1], 1.0)])
+    assert not before.matte.any() and not before.scores.any() and before.picture.any()
+    assert within.matte.any() and within.scores.any()
 
 
 def test_a_heat_map_is_colour_over_the_grey_of_the_picture():

@@ -120,10 +120,10 @@ def test_text_pictures_are_probabilities_from_any_view(scene):
 def test_a_mask_on_one_frame_follows_the_square(request, kind):
     scene = request.getfixturevalue(kind)
     found = select_by_mask(scene, square_mask(0), 0)
-    for (_, time), share in zip(
+    for (_, time), shown in zip(
         original(scene.cameras), mask_video(scene, found, original(scene.cameras)), strict=True
     ):
-        assert overlap(share > 0.5, square_mask(time)) > 0.85, time
+        assert overlap(shown.matte > 0.5, square_mask(time)) > 0.85, time
 
 
 def test_points_and_boxes_find_the_square(scene):
@@ -197,7 +197,7 @@ def test_heat_maps(scene):
 def test_selections_hold_from_a_standing_camera_too(scene):
     found = select_by_text(scene, ["square"])
     views = [View(scene.cameras.at(0.0), float(time)) for time in scene.cameras.times]
-    centres = [np.nonzero(mask > 0.5)[1].mean() for mask in mask_video(scene, found, views)]
+    centres = [np.nonzero(shown.matte > 0.5)[1].mean() for shown in mask_video(scene, found, views)]
     assert np.diff(centres).min() > 1
 
 

@@ -52,6 +52,13 @@ def test_a_scene_without_a_blue_sky_says_what_to_do_instead(colors):
         select_by_text(_street(**colors)[0], ["sky"])
 
 
+def test_points_lie_all_along_the_sky():
+    """Clouds cut the sky into parts, and what a click on one means may leave the others out."""
+    scene, _ = _street(BLUE)
+    places = [point.at[0] / scene.cameras.width for point in points_on_sky(scene) if point.frame == 0]
+    assert np.bincount(np.int64(4 * np.array(places)), minlength=4).tolist() == [1, 1, 1, 1]
+
+
 def test_points_lie_on_the_sky():
     scene, far = _street(BLUE)
     pixels = scene.cameras[0].project(scene.static.means[~far])[0]

@@ -1,0 +1,97 @@
+"""The Gaussians of a thing that moves, by its outlines as views of the clip show them. Needs numpy alone.
+
+Superpoints and features end softly: the ground between legs, a shadow or ripples come along with a thing, and an edit of it would
+show there. Its mattes are refined in some views (`matte`), and each Gaussian goes where most of it lies.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..clip.images import resize_nearest
+from ..geometry.arrays import evenly_spaced
+from ..geometry.trajectory import View
+from ..scene import Scene
+from ..scene.view import render
+from .blend_weights import lift_masks, view_size
+from .kept import Kept
+from .matte import background_of, refine_matte
+from .objects import MOSTLY
+from .select_config import SELECT, OutlineConfig, SelectConfig
+
+
+class Shown(NamedTuple):
+    """A view of a scene's clip."""
+
+    view: View
+    """Its camera and time."""
+    picture: np.ndarray
+    """(h,w,3) float32 sRGB of all of it."""
+    background: np.ndarray
+    """(h,w,4) float32 sRGB and alpha of what does not move."""
+
+
+_SHOWN: Kept[dict[int, Shown]] = Kept()
+
+
+def within_outlines(
+    scene: Scene, scores: np.ndarray, threshold: float = MOSTLY, config: SelectConfig = SELECT, adds: bool = True
+) -> np.ndarray:
+    """Return `scores (N,)` of a thing that moves, 0 for Gaussians mostly outside of its refined outlines, 1 for moving ones inside.
+
+    Gaussians that the views hardly show keep theirs; so do all of a thing that mostly stands, or of which most would be lost.
+    Outlines are those before edits; a copy goes with its original, and where copies are meant, or without `adds`, none is
+    added.
+    """
+    base, copies = scene.base, np.arange(len(scene.ids)) >= len(scene.base.ids)
+    meant = (scores >= threshold) & (scores > 0)
+    chosen = np.zeros(len(base.ids), bool)
+    chosen[scene.origin[meant]] = True
+    moves = chosen[base.moving].sum() > MOSTLY * chosen.sum()
+    found = _found(base, chosen, config.outline) if moves else chosen
+    lost, added = ((one & ~other)[scene.origin] for one, other in ((chosen, found), (found, chosen)))
+    scores = np.where(meant & lost, 0, scores)
+    return scores if meant[copies].any() or not adds else np.where(added & ~copies, 1, scores)
+
+
+def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarray:
+    """Return (N,) bool: the Gaussians of the thing that `chosen (N,)` bool show, by its outlines; `chosen` if most are lost."""
+    high, wide = view_size(scene, config.lifted)
+    found = chosen
+    for _ in range(config.rounds):
+        masks = {
+            frame: resize_nearest(
+                refine_matte(_coverage(scene, found, shown), shown.picture, shown.background, config.matte), wide, high
+            )
+            for frame, shown in views_of_outlines(scene, config).items()
+        }
+        fraction, total = lift_masks(scene, masks)
+        inside = (fraction > MOSTLY) & (scene.moving | chosen)
+        found = np.where(total > config.seen, inside, found)
+        own = total * chosen
+        if own[~found].sum() > MOSTLY * own.sum():  # a shadow that was meant, or a thing like its background
+            return chosen
+    return found
+
+
+def views_of_outlines(scene: Scene, config: OutlineConfig = SELECT.outline) -> dict[int, Shown]:
+    """Return clip frame -> view for the views in which outlines are looked at, kept as long as the scene lives."""
+    return _SHOWN.get(scene.static, scene.dynamic, config, make=lambda: _views(scene, config))
+
+
+def _views(scene: Scene, config: OutlineConfig) -> dict[int, Shown]:
+    """Return clip frame -> view."""
+    cameras, (height, width) = scene.cameras, view_size(scene, config.columns)
+    shown = {}
+    for frame in evenly_spaced(len(cameras), config.views, ends=False).tolist():
+        view = View(cameras[frame].resized(width, height), float(cameras.times[frame]))
+        shown[frame] = Shown(view, render(scene, *view, ("rgb",))["rgb"], background_of(scene, view))
+    return shown
+
+
+def _coverage(scene: Scene, chosen: np.ndarray, shown: Shown) -> np.ndarray:
+    """Return (h,w) float32 in [0, 1]: what the Gaussians `chosen (N,)` bool cover of a view."""
+    values = {"chosen": chosen[:, None].astype(np.float32)}
+    return np.clip(render(scene, *shown.view, (), values=values)["chosen"][..., 0], 0, 1)
