@@ -171,8 +171,6 @@ def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOpt
     if options.decoder is None and all(prompt.mask is None for prompt in checked.values()):
         marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]
         scores = _pointed_at(scene, marks, None, options)
-        if scores is not None and not options.part:
-            scores = _outlined(scene, scores, marks, options)
     if scores is None:
         scores = _followed(scene, prompts, options)
     return _selection(scene, scores, options, _marked_at(prompts))
@@ -181,17 +179,19 @@ def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOpt
 def _pointed_at(
     scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None, options: SelectOptions
 ) -> np.ndarray | None:
-    """(N,) scores of the person or the thing that marks show, by `likely (N,)` words, too; None where they show nothing."""
+    """Return (N,) scores of the person, or of the thing within its outlines, that marks show, by `likely (N,)` words, too.
+
+    None where they show nothing. The masks of people are those that the fit found them by, and stay.
+    """
     person = None if likely is not None else _person_at(scene, marks, options)
     if person is not None:
         return person.astype(float)
     chosen = point_out(scene, marks, likely, options.config)
+    if chosen is None:
+        return None
     frames = sorted({mark.frame for mark in marks})
-    return (
-        None
-        if chosen is None
-        else follow_thing(scene, chosen, frames, options.config, options.backend, options.progress)
-    )
+    scores = follow_thing(scene, chosen, frames, options.config, options.backend, options.progress)
+    return scores if options.part else _outlined(scene, scores, marks, options)
 
 
 def _person_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray | None:
@@ -250,7 +250,6 @@ def select_by_evidence(
     scores = _pointed_at(scene, marks, None if words is None else words.scores, options)
     if scores is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
-    scores = _outlined(scene, scores, marks, options)
     size = (scene.cameras.height, scene.cameras.width)
     masks: dict[int, np.ndarray] = {}
     for mark in marks:
@@ -262,7 +261,7 @@ def select_by_evidence(
 
 
 def _outlined(scene: Scene, scores: np.ndarray, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray:
-    """`scores (N,)` of a thing, `within_outlines`; as they are where several marks mean what is cast, too.
+    """Return `scores (N,)` of a thing, `within_outlines`; as they are where several marks mean what is cast, too.
 
     None is added where marks are on what is not meant.
     """
