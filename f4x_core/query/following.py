@@ -14,10 +14,10 @@ from .blend_weights import lift_masks
 from .objects import graph_of, held_movers
 from .pixels import SHOWN, coverage_by
 from .score import logistic
-from .segmentation import FeaturePropagation, MaskDecoder, PropagationConfig
+from .segmentation import FeaturePropagation
 from .select_config import SELECT, FollowConfig, SelectConfig
 from .smoothing import field_of_looks
-from .views import CONTRAST, views_of
+from .views import views_of
 
 KNOWN, BLOCK = 1024, 4096
 """Gaussians with scores that are enough to say what is near, and Gaussians without that are compared with them at once: a block
@@ -45,7 +45,7 @@ def follow_thing(
         camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
         mask = coverage_by(scene, chosen, camera, time, backend) > SHOWN
         if mask.any():
-            decoder.prompt(frame, mask=mask)
+            decoder.prompt(frame, mask)
             masks[frame] = mask.astype(np.float32)
     if not masks:
         return chosen
@@ -59,7 +59,7 @@ def follow_thing(
 def follow_masks(
     scene: Scene,
     prompted: Mapping[int, np.ndarray],
-    decoder: MaskDecoder,
+    decoder: FeaturePropagation,
     config: FollowConfig,
     progress: Progress = silent,
 ) -> np.ndarray:
@@ -100,15 +100,14 @@ def draw_views(scene: Scene, config: FollowConfig | None = None) -> None:
         views.seen(scene, int(frame))
 
 
-def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
+def decoder_of(scene: Scene, backend: str = "auto") -> FeaturePropagation:
     """Return the decoder that needs no model: nearest neighbours in the appearance of the scene (`views`).
 
     Without `visual` features only what differs in colour, place, motion and depth is told apart.
     """
     cameras, views = scene.cameras, views_of(scene)
     size = (cameras.height, cameras.width)
-    config = PropagationConfig(contrast=CONTRAST)
-    return FeaturePropagation(lambda t: views.appearance(scene, t, backend), len(cameras), size, config)
+    return FeaturePropagation(lambda t: views.appearance(scene, t, backend), len(cameras), size)
 
 
 def _from_neighbours(

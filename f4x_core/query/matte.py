@@ -22,10 +22,10 @@ from ..scene.color import srgb_from_linear
 from ..scene.exposure import Take
 from ..scene.stage import MATTE, DrawSettings, draw
 from ..scene.view import render
-from .growing import walk_with_prior
 from .k_means import k_means, nearest
 from .objects import MOSTLY
 from .pixels import SHOWN
+from .random_walk import walk_with_prior
 from .score import logistic
 from .select_config import SELECT, MatteConfig
 from .selection import Selection

@@ -30,7 +30,6 @@ from .outlines import within_outlines
 from .people import person_at, rows_of_people
 from .pixels import label_scores
 from .score import THRESHOLD, target_score
-from .segmentation import MaskDecoder
 from .select_config import SELECT, SelectConfig, ThingConfig
 from .selection import Selection, fingerprint
 
@@ -53,8 +52,6 @@ class SelectOptions:
     """True if scores of words are probabilities where the text encoder has a null vector; else the rule of Feature4X holds."""
     part: bool = False
     """True to select the part of the body at a point, not the whole person."""
-    decoder: MaskDecoder | None = None
-    """Grows points and boxes and follows masks; None: features of the scene (`decoder_of`)."""
     config: SelectConfig = SELECT
     """The numbers that tune the search."""
     backend: str = "auto"
@@ -150,15 +147,15 @@ def select_by_box(scene: Scene, box: ArrayLike, frame: int, options: SelectOptio
 
 
 def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOptions = DEFAULT) -> Selection:
-    """Gaussians of one object that is prompted on one frame or several: `{clip frame: arguments of MaskDecoder.prompt}`.
+    """Select one object that is prompted on one frame or several: `{clip frame: arguments of check_prompt}`.
 
-    Points and boxes on moving Gaussians select a moving object in all frames at once (`objects.point_out`). Otherwise, and with
-    a decoder always, the decoder carries the prompts to the other frames as masks. A Gaussian's score is then the fraction of its
-    blend weights inside the masks, or its neighbours' mean score where it has none. If the prompt is clearly on moving or on
-    static Gaussians, only those are selected. A point on a person, where the scene knows its people, selects that person, with
-    `options.part` that part of the body.
+    Points and boxes are marks (`objects.point_out`). Masks alone are carried to the other frames by the looks of the scene
+    (`following`): a Gaussian's score is then the fraction of its blend weights inside the masks, or its neighbours' mean score
+    where it has none. If the masks are clearly on moving or on static Gaussians, only those are selected. A point on a person,
+    where the scene knows its people, selects that person, with `options.part` that part of the body.
 
-    Raises F4xError: no prompt, an empty or contradictory one, a point outside the picture, a frame outside the clip.
+    Raises F4xError: no prompt, an empty or contradictory one, one that leaves nothing, a point outside the picture, a frame
+    outside the clip.
     """
     if not prompts:
         raise F4xError("Nothing is prompted; give a point, a box or a mask on some frame.")
@@ -167,28 +164,26 @@ def select_by_prompts(scene: Scene, prompts: dict[int, dict], options: SelectOpt
     for frame in prompts:
         check_frame(frame, len(cameras))
     checked = {frame: check_prompt(size, **prompt) for frame, prompt in prompts.items()}
-    scores = None
-    if options.decoder is None and all(prompt.mask is None for prompt in checked.values()):
+    masks = {frame: prompt.mask for frame, prompt in checked.items() if prompt.mask is not None}
+    if len(masks) == len(checked):
+        scores = _followed(scene, masks, options)
+    else:
         marks = [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)]
         scores = _pointed_at(scene, marks, None, options)
-    if scores is None:
-        scores = _followed(scene, prompts, options)
     return _selection(scene, scores, options, _marked_at(prompts))
 
 
-def _pointed_at(
-    scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None, options: SelectOptions
-) -> np.ndarray | None:
+def _pointed_at(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None, options: SelectOptions) -> np.ndarray:
     """Return (N,) scores of the person, or of the thing within its outlines, that marks show, by `likely (N,)` words, too.
 
-    None where they show nothing. The masks of people are those that the fit found them by, and stay.
+    The masks of people are those that the fit found them by, and stay. F4xError where nothing is left.
     """
     person = None if likely is not None else _person_at(scene, marks, options)
     if person is not None:
         return person.astype(float)
     chosen = point_out(scene, marks, likely, options.config)
     if chosen is None:
-        return None
+        raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
     frames = sorted({mark.frame for mark in marks})
     scores = follow_thing(scene, chosen, frames, options.config, options.backend, options.progress)
     return scores if options.part else _outlined(scene, scores, marks, options)
@@ -216,25 +211,16 @@ def _person_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> n
     return None if chosen is None else (person | (chosen > alone)) & (chosen >= alone)
 
 
-def _followed(scene: Scene, prompts: dict[int, dict], options: SelectOptions) -> np.ndarray:
-    """(N,) scores of what a decoder, or the scene's own features, find of prompts in all frames."""
-    decoder, exact = options.decoder, {}
-    given = {frame: np.asarray(prompt["mask"]) for frame, prompt in prompts.items() if prompt.get("mask") is not None}
-    if decoder is None:
-        decoder, exact = decoder_of(scene, options.backend), {frame: mask > 0 for frame, mask in given.items()}
-    masks = {}
-    for frame, prompt in prompts.items():
-        logits = decoder.prompt(frame, **prompt)
-        masks[frame] = np.asarray(given.get(frame, logits > 0), np.float32)
-        if not masks[frame].any():
-            raise F4xError(
-                f"The prompt on frame {frame} marks nothing that stands out there; give a mask, or another point."
-            )
-    scores = follow_masks(scene, masks, decoder, options.config.follow, options.progress)
-    if exact:
-        scores = without_shadow(scene, scores, options.config)
-        scores = within_outlines(scene, scores, options.threshold, options.config)
-    return _as_in_masks(scene, scores, exact, options.config.thing)
+def _followed(scene: Scene, masks: Mapping[int, np.ndarray], options: SelectOptions) -> np.ndarray:
+    """Return the scores (N,) of what the scene's own features find of `masks` (clip frame -> (H,W) bool) in all frames."""
+    decoder = decoder_of(scene, options.backend)
+    for frame, mask in masks.items():
+        decoder.prompt(frame, mask)
+    prompted = {frame: mask.astype(np.float32) for frame, mask in masks.items()}
+    scores = follow_masks(scene, prompted, decoder, options.config.follow, options.progress)
+    scores = without_shadow(scene, scores, options.config)
+    scores = within_outlines(scene, scores, options.threshold, options.config)
+    return _as_in_masks(scene, scores, masks, options.config.thing)
 
 
 def select_by_evidence(
@@ -248,8 +234,6 @@ def select_by_evidence(
     """
     marks = check_marks(marks, len(scene.cameras))
     scores = _pointed_at(scene, marks, None if words is None else words.scores, options)
-    if scores is None:
-        raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
     size = (scene.cameras.height, scene.cameras.width)
     masks: dict[int, np.ndarray] = {}
     for mark in marks:

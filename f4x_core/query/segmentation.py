@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike
 
 from ..errors import F4xError
 from ..features.text import unit
 from .decoder_prompt import check_frame, check_prompt
-from .growing import grow_prompt
 
 BLOCK = 8
 """Cells are compared in square blocks of this side, so that the work is matrix products."""
@@ -27,34 +24,6 @@ NOBODY = 0.02
 
 UNCERTAIN = 1e-4
 """Minimum distance of a probability from 0 and 1, so that logits stay finite."""
-
-
-class MaskDecoder(Protocol):
-    """Turns prompts on the frames 0 .. count - 1 of one video into masks of one object."""
-
-    count: int
-    """Number of frames."""
-    size: tuple[int, int]
-    """(H, W) of the pictures that prompts and logits refer to."""
-
-    def prompt(
-        self,
-        t: int,
-        points: ArrayLike | None = None,
-        labels: ArrayLike | None = None,
-        box: ArrayLike | None = None,
-        mask: ArrayLike | None = None,
-    ) -> np.ndarray:
-        """Return the logits (H,W) float32 of the object on frame `t`, above 0 where it is; replaces an earlier prompt there.
-
-        `points (N,2)` x, y in pixels with `labels (N,)` (True = on the object, all of them by default), `box (4,)` left,
-        top, right, bottom, both together, or a `mask (H,W)` alone. F4xError for a prompt that means nothing.
-        """
-        ...
-
-    def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -69,12 +38,10 @@ class PropagationConfig:
     """Cells that vote on a cell."""
     temperature: float = 0.1
     """A vote weighs exp(cosine / temperature)."""
-    contrast: float = 1.0
-    """How far cosines differ in these features, beside visual features alone; counts where points and boxes grow."""
 
 
 class FeaturePropagation:
-    """`MaskDecoder` by nearest neighbours among feature maps (`visual` is best): no model, no encoder, numpy alone.
+    """Carries masks of one object through a video by nearest neighbours among feature maps (`visual` is best), numpy alone.
 
     `features(t)` gives the map (h,w,C) of frame t in [0, count), rendered or extracted, of any length per cell.
     """
@@ -90,29 +57,17 @@ class FeaturePropagation:
         self._features = features
         self._masks: dict[int, np.ndarray] = {}  # prompted frame -> (h,w) fraction of each cell that is the object
 
-    def prompt(
-        self,
-        t: int,
-        points: ArrayLike | None = None,
-        labels: ArrayLike | None = None,
-        box: ArrayLike | None = None,
-        mask: ArrayLike | None = None,
-    ) -> np.ndarray:
-        """Return the logits (H,W) of the object on frame `t` (see `MaskDecoder`); a mask comes back on the grid of features."""
+    def prompt(self, t: int, mask: np.ndarray) -> None:
+        """Give the `mask (H,W)` bool of the object on frame `t`, in place of an earlier one there. F4xError: an empty one."""
         check_frame(t, self.count)
-        prompt = check_prompt(self.size, points, labels, box, mask)
-        cells = self._cells(t)
-        if prompt.mask is not None:
-            fraction = shrink(prompt.mask.astype(np.float32), (cells.shape[0], cells.shape[1]))
-        else:
-            fraction = grow_prompt(cells, prompt, self.size, self.config.contrast)
-        self._masks[t] = fraction
-        return self._logits(fraction)
+        prompt, cells = check_prompt(self.size, mask=mask), self._cells(t)
+        assert prompt.mask is not None
+        self._masks[t] = shrink(prompt.mask.astype(np.float32), (cells.shape[0], cells.shape[1]))
 
     def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
         """Yield every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
         if not self._masks:
-            raise F4xError("Nothing is prompted yet: give points, a box or a mask on some frame first.")
+            raise F4xError("Nothing is prompted yet: give a mask on some frame first.")
         start = min(self._masks)
         known = {t: _Masked(self._cells(t), fraction, self.config.reach) for t, fraction in self._masks.items()}
         yield start, self._logits(self._masks[start])

@@ -25,9 +25,6 @@ CUES = {"speed": 0.8, "moving": 0.5, "depth": 1.0, "rgb": 1.0}
 """What a cell shows beside its visual features, and how much each of its numbers weighs against all of these. Visual features see
 their surroundings as well; these cues tell where a thing ends. True masks that are followed so have a mean IoU of .78 on the four
 filmed clips that chose (camel, dog, parkour, breakdance; .75 without the cues) and of .77 on four that were not looked at (.69)."""
-CONTRAST = 0.16
-"""How far cosines of appearance differ, beside those of visual features alone, which are a sixth of it: so points find .64 and
-boxes .73 of what is meant in single frames of six filmed clips (IoU), in visual features alone .56 and .65."""
 DIRECTIONS, DIRECTION_FRAMES = 16, 3
 """Principal directions of appearance that are kept, and frames, evenly over the clip, from which they come."""
 GRID = 64

@@ -10,7 +10,7 @@ from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.query import following, not_deleted, prompts, views
-from f4x_core.query.following import draw_views, follow_thing
+from f4x_core.query.following import draw_views, follow_masks, follow_thing
 from f4x_core.query.labels import ask_for
 from f4x_core.query.prompts import (
     SelectOptions,
@@ -33,15 +33,17 @@ def scene():
     return labelled_scene()
 
 
+SQUARE = {0: square_mask(0).astype(np.float32)}
+
+
 class Decoder:
-    """Knows nothing but what it is told: logits of prompts, and of all frames from them."""
+    """Knows nothing but what it is told: logits of all frames from masks."""
 
-    def __init__(self, prompted, followed):
-        self.prompted, self.followed, self.asked = prompted, followed, []
+    def __init__(self, followed):
+        self.followed, self.asked = followed, []
 
-    def prompt(self, t, **marks):
-        self.asked.append((t, marks))
-        return self.prompted[t]
+    def prompt(self, t, mask):
+        self.asked.append(t)
 
     def propagate(self):
         return iter(self.followed.items())
@@ -93,16 +95,11 @@ def logits(seed):
 
 def test_masks_of_prompted_and_of_followed_frames_are_weighed(scene, monkeypatch):
     lifted = Lifted(monkeypatch, scene)
-    first = logits(0)
-    first[:2] = np.array([0, 0.5])[:, None]  # on the outline, and just inside
-    decoder = Decoder({2: first, 3: logits(1)}, {t: logits(10 + t) for t in range(FRAMES)})
-    config = SelectConfig(follow=FollowConfig(lifted=4, prompted_weight=5.0, min_blend_weight=0.3, one_kind=0.99))
-    asked = {2: {"points": [[3, 3]]}, 3: {"mask": square_mask(3)}}
-    found = select_by_prompts(scene, asked, SelectOptions(decoder=decoder, config=config))
-    assert decoder.asked == list(asked.items())
-    assert sorted(lifted.masks) == [2, 3] and lifted.masks[2].dtype == np.float32
-    np.testing.assert_array_equal(lifted.masks[2], first > 0)
-    np.testing.assert_array_equal(lifted.masks[3], square_mask(3))
+    decoder = Decoder({t: logits(10 + t) for t in range(FRAMES)})
+    config = FollowConfig(lifted=4, prompted_weight=5.0, min_blend_weight=0.3, one_kind=0.99)
+    masks = {t: square_mask(t).astype(np.float32) for t in (2, 3)}
+    found = follow_masks(scene, masks, decoder, config)
+    assert lifted.masks == masks
     assert sorted(lifted.followed) == [0, 5]  # of 0, 2, 3 and 5
     total = 5 * lifted.sums
     inside = lifted.inside * total
@@ -112,23 +109,19 @@ def test_masks_of_prompted_and_of_followed_frames_are_weighed(scene, monkeypatch
     np.testing.assert_array_equal(lifted.known, total > 0.3)
     assert 0.1 < lifted.known.mean() < 0.9
     expected = np.where(lifted.known, inside / np.maximum(total, 1e-30), 0.25)
-    np.testing.assert_allclose(found.scores, expected, rtol=1e-6)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_a_gaussian_that_no_frame_sees_is_not_seen(scene, monkeypatch):
     lifted = Lifted(monkeypatch, scene)
-    config = SelectConfig(follow=FollowConfig(min_blend_weight=0.0))
-    found = select_by_prompts(
-        scene, {0: {"mask": square_mask(0)}}, SelectOptions(decoder=Decoder({0: logits(0)}, {}), config=config)
-    )
+    found = follow_masks(scene, SQUARE, Decoder({}), FollowConfig(min_blend_weight=0.0))
     np.testing.assert_array_equal(lifted.known, np.arange(len(scene.ids)) >= 40)
-    assert (found.scores[:40] == 0.25).all()
+    assert (found[:40] == 0.25).all()
 
 
 def test_prompted_frames_alone_are_quick(scene, monkeypatch):
     lifted = Lifted(monkeypatch, scene)
-    decoder = Decoder({0: logits(0)}, None)  # nothing to follow
-    select_by_prompts(scene, {0: {"box": [1, 1, 9, 9]}}, SelectOptions(decoder=decoder, config=PROMPTED))
+    follow_masks(scene, SQUARE, Decoder(None), PROMPTED.follow)  # nothing to follow
     assert sorted(lifted.masks) == [0] and not lifted.followed
 
 
@@ -147,17 +140,14 @@ def test_prompted_frames_alone_are_quick(scene, monkeypatch):
 def test_a_prompt_of_one_kind_means_that_kind(scene, monkeypatch, fraction, kept):
     lifted = Lifted(monkeypatch, scene)
     moving_fraction(scene, lifted, fraction)
-    config = SelectConfig(follow=FollowConfig(one_kind=0.75))
-    found = select_by_prompts(
-        scene, {0: {"mask": square_mask(0)}}, SelectOptions(decoder=Decoder({0: logits(0)}, {}), config=config)
-    )
-    means = found.scores > 0
+    means = follow_masks(scene, SQUARE, Decoder({}), FollowConfig(one_kind=0.75)) > 0
     rows = {"moving": scene.moving, "static": ~scene.moving, "all": np.ones(len(means), bool)}[kept]
     assert not means[~rows].any() and means[rows].mean() > 0.9
 
 
 def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkeypatch):
     Lifted(monkeypatch, scene)
+    monkeypatch.setattr(prompts, "within_outlines", lambda scene, scores, *_, **__: scores)
     pointed = []
     scores = np.random.default_rng(1).random(len(scene.ids))
     monkeypatch.setattr(
@@ -169,12 +159,12 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
     found = select_by_prompts(scene, {0: point, 2: point}, SelectOptions(config=PROMPTED))
     np.testing.assert_array_equal(found.scores, scores)
     assert pointed == [[0, 2]] and found.label == "what is marked at frame 0, 2" and not found.wins.any()
-    decoder = Decoder({0: logits(0), 2: logits(2)}, {})
-    assert select_by_prompts(scene, {0: point}, SelectOptions(decoder=decoder)).label == "what is marked at frame 0"
-    monkeypatch.setattr(prompts, "decoder_of", lambda scene, backend: decoder)
+    mixed = select_by_prompts(scene, {0: mask, 2: point}, SelectOptions(config=PROMPTED))
+    assert mixed.label == "what is marked at frame 0, 2"
+    assert pointed[1] == [0, 2]
+    monkeypatch.setattr(prompts, "decoder_of", lambda scene, backend: Decoder({}))
     for asked, label in (
         ({0: mask}, "what is marked at frame 0"),
-        ({0: mask, 2: point}, "what is marked at frame 0, 2"),
         ({2: mask, 0: mask}, "what is marked at frame 2, 0"),
     ):
         Lifted(monkeypatch, scene)
@@ -362,7 +352,7 @@ def test_a_mask_keeps_to_its_mover_and_holds_all_of_it(scene, monkeypatch):
     held, others = (np.isin(np.arange(len(scene.ids)), rows) for rows in (moving[1:5], moving[5:9]))
     monkeypatch.setattr(following, "held_movers", lambda scene, inside, seen: (held.copy(), others.copy()))
     for lost in (True, False):
-        decoder = Decoder({2: logits(0)}, {t: logits(10 + t) + (-9 if lost else 9) for t in range(FRAMES)})
-        found = select_by_prompts(scene, {2: {"mask": square_mask(2)}}, SelectOptions(decoder=decoder))
-        assert (found.scores[others] == 0).all()
-        assert (found.scores[held] == 1).all() if lost else (found.scores[held] < 1).all()
+        decoder = Decoder({t: logits(10 + t) + (-9 if lost else 9) for t in range(FRAMES)})
+        found = follow_masks(scene, {2: square_mask(2).astype(np.float32)}, decoder, FollowConfig())
+        assert (found[others] == 0).all()
+        assert (found[held] == 1).all() if lost else (found[held] < 1).all()

@@ -6,6 +6,7 @@ from labelled_scene import FRAMES, HEIGHT, LABELS, VECTORS, WIDTH, labelled_scen
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import View, orbit, original
+from f4x_core.query import prompts
 from f4x_core.query.blend_weights import blend_weight_sums, lift_masks
 from f4x_core.query.decoder_prompt import check_frame, check_prompt
 from f4x_core.query.labels import ask_for
@@ -20,7 +21,6 @@ from f4x_core.query.prompts import (
     select_by_text,
 )
 from f4x_core.query.score import overlap
-from f4x_core.query.segmentation import FeaturePropagation
 from f4x_core.scene.view import render
 
 
@@ -135,19 +135,15 @@ def test_points_and_boxes_find_the_square(scene):
         assert overlap(share > 0.5, square_mask(0)) > 0.7
 
 
-def test_a_prompt_that_marks_nothing_is_told(scene):
-    class Blind(FeaturePropagation):
-        def prompt(self, t, **marks):
-            return np.full(self.size, -1.0)
-
-    blind = Blind(lambda t: None, FRAMES, (HEIGHT, WIDTH))
-    with pytest.raises(F4xError, match="marks nothing"):
-        select_by_box(scene, (1, 1, 9, 9), 0, SelectOptions(decoder=blind))
+def test_marks_that_leave_nothing_are_told(scene, monkeypatch):
+    monkeypatch.setattr(prompts, "point_out", lambda *given, **config: None)
+    with pytest.raises(F4xError, match="Nothing is left"):
+        select_by_box(scene, (1, 1, 9, 9), 0)
 
 
 def test_several_frames_add_up(scene):
-    prompts = {0: {"mask": square_mask(0)}, 5: {"mask": square_mask(5)}}
-    found = select_by_prompts(scene, prompts, SelectOptions(span=(1, 4)))
+    masks = {t: {"mask": square_mask(t)} for t in (0, 5)}
+    found = select_by_prompts(scene, masks, SelectOptions(span=(1, 4)))
     assert (found.chosen == is_square(scene)).mean() > 0.99
     camera = scene.cameras[0]
     assert not coverage_image(scene, found, camera, 0.0).any() and coverage_image(scene, found, camera, 1.0).any()
