@@ -92,7 +92,7 @@ class Window:
 
 @dataclass(frozen=True)
 class FrameTarget:
-    """What a drawn frame, or a window of it, is compared with."""
+    """A supervised frame, or a window of it, with its priors: the goal of a drawn picture."""
 
     frame: int
     """Number among the supervised ones."""

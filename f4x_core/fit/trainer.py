@@ -219,8 +219,9 @@ class Trainer:
 
     def _take_closeup(self, data: FrameData) -> None:
         """Draw the window around what moves in another frame, and move dynamic Gaussians and nodes along the gradient."""
-        frame = self._next_closeup()
-        full = self.levels[0]
+        frame, full = self._next_closeup(), self.levels[0]
+        if frame is None:
+            return
         window = full.moving_windows[frame].part(int(CLOSEUP_PIXELS * full.width * full.height), self.generator)
         rendered = self.render(frame, data, self._background(), window if data is full else window.halved())
         total_loss([term for term in self.losses if not term.whole], self.step, rendered).backward()
@@ -237,11 +238,11 @@ class Trainer:
             self.order = self._shuffled(range(len(self.model.times)))
         return self.order.pop()
 
-    def _next_closeup(self) -> int:
-        """Return the frame of the next close-up: each in which something moves once, then again, as in `_next_frame`."""
+    def _next_closeup(self) -> int | None:
+        """Return the frame of the next close-up, as `_next_frame` of those in which something moves; None: all are kept aside."""
         if not self.closeup_order:
             self.closeup_order = self._shuffled(self.levels[0].moving_windows)
-        return self.closeup_order.pop()
+        return self.closeup_order.pop() if self.closeup_order else None
 
     def _shuffled(self, frames: Iterable[int]) -> list[int]:
         """Return the frames in random order, without those that are kept aside now."""

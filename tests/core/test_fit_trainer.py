@@ -139,6 +139,9 @@ def test_each_frame_in_which_something_moves_has_a_closeup_before_one_has_a_seco
     stage.levels[0].moving_windows = dict.fromkeys((0, 2, 3), Window(0, 0, 9, 9))
     drawn = [stage._next_closeup() for _ in range(9)]
     assert [sorted(drawn[i : i + 3]) for i in (0, 3, 6)] == [[0, 2, 3]] * 3 and len({*drawn[:3]}) == 3
+    stage.aside = frozenset({0, 2, 3})
+    assert stage._next_closeup() is None
+    stage._take_closeup(stage.levels[0])  # nothing to draw
 
 
 def test_what_is_frozen_is_drawn_stays_where_it_is_and_has_no_part_in_density_control(stage_of, monkeypatch):
