@@ -20,8 +20,8 @@ from .config import PROFILES, FitConfig, for_frames, profile
 STEP, STEP_PER_PIXEL, STEP_PER_GAUSSIAN = 1.0, 2.65e-5, 1.58e-5
 """Cost of a training step, of one of its pixels and of one Gaussian, in raster steps of two threads. Threads share the pixels: a
 step of 95,000 Gaussians took 70, 52, 42 and 34 ms with 2, 4, 8 and 16 of them, 30 of which one of them worked alone."""
-CLOSEUP = 0.3
-"""Cost of a close-up over that of a step as measured above, when Gaussians that are gone were moved: on parkour 20 and 66 ms."""
+CLOSEUP = 0.6
+"""Cost of a close-up over that of a step: 14 and 23 ms on car-shadow, 20 and 56 on parkour."""
 REST_PER_PIXEL = 3.8e-4
 """Cost of scaffold, first Gaussians and the measurements at the end, per pixel of all frames, most of it one thread's."""
 TINT_PER_PIXEL, TINT_PER_GAUSSIAN = 8e-5, 1.3e-4
