@@ -342,7 +342,7 @@ class SceneObject:
 
     @property
     def marks(self) -> dict[str, tuple[str, np.ndarray]]:
-        """What a person has marked, as `write` takes it: the selection, scores and what is hidden."""
+        """The marks of a person, as `write` takes them: the selection, scores and what is hidden."""
         kinds = {SELECTED: "BOOLEAN", SCORE: "FLOAT", HIDDEN: "BOOLEAN"}
         return {name: (kind, self.read(name)) for name, kind in kinds.items()}
 

@@ -94,7 +94,7 @@ def _switch_preview(self, on: bool) -> None:
 
 
 class F4X_PG_typed(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
-    """What is no step of undo, on the window manager: Blender makes a step of every field that is a scene's.
+    """Fields that are no step of undo, on the window manager: Blender makes a step of every field that is a scene's.
 
     What is typed is kept by the scene, and goes with the step of the operator that it starts.
     """

@@ -87,8 +87,6 @@ class Trainer:
         if config.coarse > 0:
             self.levels.append(self.levels[0].halved())
         self.tracks = MovingTracks.of(priors)
-        self.closeups = config.closeups if model.dynamic is not None and self.levels[0].moving_windows else 0
-        """Close-ups after each step."""
         self.losses: tuple[LossTerm, ...] = loss_terms(model, self.tracks, config)
         self.raster = RasterConfig(threads=model.kernels.threads)
         self.generator = torch.Generator().manual_seed(config.seed)
@@ -200,8 +198,9 @@ class Trainer:
             optimiser.step()
         self.shared.step()
         self.loss = float(loss.detach())
-        for _ in range(self.closeups):
-            self._take_closeup(data)
+        if self.model.dynamic is not None:
+            for _ in range(config.closeups):
+                self._take_closeup(data)
         self._act(Moment.OPTIMISED)
         self.step += 1
         self._act(Moment.DONE)

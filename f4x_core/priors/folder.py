@@ -77,7 +77,7 @@ class Scratch:
     seen_depth: np.ndarray | None = None
     """(F,H,W) depth in any unit that is known from elsewhere, NaN = unknown."""
     of_providers: dict[str, Any] = field(default_factory=dict)
-    """What a provider of several stages computes once, under a name of its own."""
+    """Results that a provider of several stages computes once, under a name of its own."""
 
 
 @dataclass

@@ -34,7 +34,7 @@ def shaped_scores(scene: Scene, label: str) -> Callable[[Scene], np.ndarray] | N
 
 
 Source = Literal["cast", "people", "shape", "teacher"]
-"""What knows the Gaussians of a label: what is cast, the people of the scene, `SHAPED`, or the teacher of its vocabulary."""
+"""Source of the Gaussians of a label: what is cast, the people of the scene, `SHAPED`, or the teacher of its vocabulary."""
 
 
 def source_of(scene: Scene, label: str) -> Source:

@@ -301,7 +301,7 @@ def test_what_is_drawn_and_its_gradients_are_those_of_torch(model, with_partner,
 
 @pytest.mark.parametrize("native", [False, True])
 def test_gaussians_that_are_gone_need_not_be_moved(model, native, request):
-    """What is drawn of those that are there, and its gradients, are as if all were drawn."""
+    """Gaussians that are there are drawn, and get gradients, as if all were drawn."""
     if native:
         request.getfixturevalue("native_library")
     model.kernels, model._attachment = Kernels(True) if native else TORCH, None

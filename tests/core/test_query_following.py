@@ -37,7 +37,7 @@ SQUARE = {0: square_mask(0).astype(np.float32)}
 
 
 class Decoder:
-    """Knows nothing but what it is told: logits of all frames from masks."""
+    """Makes the logits of all frames from masks alone."""
 
     def __init__(self, followed):
         self.followed, self.asked = followed, []

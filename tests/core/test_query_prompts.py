@@ -198,7 +198,7 @@ def test_selections_hold_from_a_standing_camera_too(scene):
 
 
 @pytest.mark.parametrize(
-    ("prompt", "told"),
+    ("prompt", "sentence"),
     [
         ({"t": 0}, "The prompt is empty"),
         ({"t": 9, "points": [[1, 1]]}, "There is no frame 9: the clip has frames 0 to 4"),
@@ -217,7 +217,7 @@ def test_selections_hold_from_a_standing_camera_too(scene):
         ({"t": 0, "mask": np.ones((48, 64)), "points": [[1, 1]]}, "complete prompt"),
     ],
 )
-def test_prompts_that_mean_nothing_are_refused(prompt, told):
-    with pytest.raises(F4xError, match=told):
+def test_prompts_that_mean_nothing_are_refused(prompt, sentence):
+    with pytest.raises(F4xError, match=sentence):
         check_frame(prompt.pop("t"), 5)
         check_prompt((48, 64), **prompt)
