@@ -15,6 +15,7 @@ from ..native.kernels import Kernels
 from ..priors import PriorsConfig, TracksConfig
 from ..priors.config import USUAL_FRAMES
 from ..raster import choose_backend
+from ..scaffold.following import FollowingConfig
 from ..scaffold.graph import GraphConfig
 from ..scaffold.optimise import GeometryConfig
 from ..scaffold.selection import Rotations, SelectionConfig
@@ -53,6 +54,8 @@ class ScaffoldConfig:
     """Steps of the geometric optimisation."""
     geometry_arap: float = 1.0
     """Weight of the as-rigid-as-possible losses in the geometric optimisation."""
+    following_steps: int = 300
+    """Steps in which nodes learn to carry all tracks of what moves, not only those that became nodes."""
 
     @property
     def graph(self) -> GraphConfig:
@@ -78,6 +81,10 @@ class ScaffoldConfig:
         """Return the geometric optimisation."""
         weight = self.geometry_arap
         return GeometryConfig(steps=self.geometry_steps, coordinate=weight, length=weight, seed=seed, graph=self.graph)
+
+    def following(self, seed: int) -> FollowingConfig:
+        """Return the settings by which nodes follow the tracks."""
+        return FollowingConfig(steps=self.following_steps, seed=seed, geometry=self.geometry(seed), kernel=self.kernel)
 
 
 @dataclass(frozen=True)

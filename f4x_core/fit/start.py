@@ -11,6 +11,7 @@ from ..parallel import in_threads
 from ..priors import Priors
 from ..progress import Progress
 from ..scaffold import Scaffold
+from ..scaffold.following import follow_tracks
 from ..scaffold.lifting import lift_tracks
 from ..scaffold.optimise import Sightlines, optimise_geometry
 from ..scaffold.selection import choose_nodes, scaffold_of
@@ -77,6 +78,9 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
     sightlines = _sightlines(scaffold, priors, chosen[lifted.index[selection.index]])
     lifted_scaffold = scaffold
     scaffold = optimise_geometry(scaffold, settings.geometry(config.seed), progress, sightlines, config.kernels)
+    scaffold = follow_tracks(
+        scaffold, lifted, priors.cameras, settings.following(config.seed), config.kernels, progress
+    )
     priors = replace(priors, depth=carried_depth(priors, lifted_scaffold, scaffold))
     progress("scaffold", 2, 2, f"{len(scaffold)} nodes")
     evidence = ", ".join(f"{row.nodes}: {row.residual:.2f}" for row in selection.table)

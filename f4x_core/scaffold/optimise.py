@@ -56,6 +56,22 @@ class GeometryConfig:
     seed: int = 0
     graph: GraphConfig = field(default_factory=GraphConfig)
 
+    def decay(self, fraction: float) -> float:
+        """Return the factor of the learning rate once `fraction` of the steps are done: 1, then half a cosine to `decay_to`."""
+        passed = min(max(fraction - self.decay_start, 0.0) / max(1 - self.decay_start, 1e-9), 1.0)
+        return self.decay_to + (1 - self.decay_to) * 0.5 * (1 + float(np.cos(np.pi * passed)))
+
+    def random_window(self, frames: int, generator: np.random.Generator) -> slice:
+        """Return the frames of a step: all, or so many in a row as `window` says."""
+        first = int(generator.integers(0, max(frames - self.window, 0) + 1))
+        return slice(first, first + self.window)
+
+    def terms(self, edges: ArapEdges, kernels: Kernels) -> MotionTerms:
+        """Return the losses of the nodes' motion along `edges`."""
+        smooth = self.velocity, self.acceleration, self.angular_velocity, self.angular_acceleration
+        shifts = dict(zip(self.shifts, self.shift_weights, strict=True))
+        return MotionTerms(edges, shifts, MotionWeights(self.coordinate, self.length, *smooth), kernels)
+
 
 @dataclass(frozen=True)
 class Sightlines:
@@ -96,9 +112,6 @@ def optimise_geometry(
     distance = curve_distance(scaffold.xyz, scaffold.certain, config.graph.kth)
     neighbours, edge_mask = build_graph(distance, config.graph.neighbours, config.graph.reach * scaffold.unit)
     optimiser = Adam([{"params": [value], "lr": config.learning_rate} for value in (xyz, quat)], kernels)
-    shifts = dict(zip(config.shifts, config.shift_weights, strict=True))
-    smooth = config.velocity, config.acceleration, config.angular_velocity, config.angular_acceleration
-    weights = MotionWeights(config.coordinate, config.length, *smooth)
     generator = np.random.default_rng(config.seed)
 
     def placed() -> torch.Tensor:
@@ -109,11 +122,10 @@ def optimise_geometry(
         if step % config.redraw == 0:
             levels = multilevel_edges(distance, scaffold.unit, config.graph, config.seed + step)
             edges = ArapEdges.build(neighbours, edge_mask, config.graph.base_weight, levels)
-            terms = MotionTerms(edges, shifts, weights, kernels)
+            terms = config.terms(edges, kernels)
         for group in optimiser.param_groups:
-            group["lr"] = config.learning_rate * _decay(step / config.steps, config)
-        first = int(generator.integers(0, max(frames - config.window, 0) + 1))
-        window = slice(first, first + config.window)
+            group["lr"] = config.learning_rate * config.decay(step / config.steps)
+        window = config.random_window(frames, generator)
         loss = motion_loss(placed()[window], quat[window], times[window], terms)
         if config.certain == "soft":
             loss = loss + config.certain_weight * spring.energy(xyz - start) / held
@@ -161,9 +173,3 @@ def with_graph(scaffold: Scaffold, config: GraphConfig, groups: np.ndarray | Non
     neighbours, edge_mask = build_graph(distance, config.neighbours, config.reach * scaffold.unit, groups)
     quat = align_signs(scaffold.quat, neighbours, edge_mask)
     return replace(scaffold, quat=quat, neighbours=neighbours, edge_mask=edge_mask)
-
-
-def _decay(fraction: float, config: GeometryConfig) -> float:
-    """Return the factor of the learning rate: 1, then half a cosine down to `decay_to`."""
-    passed = min(max(fraction - config.decay_start, 0.0) / max(1 - config.decay_start, 1e-9), 1.0)
-    return config.decay_to + (1 - config.decay_to) * 0.5 * (1 + float(np.cos(np.pi * passed)))

@@ -211,7 +211,7 @@ def test_the_scaffold_is_optimised_as_its_own_tracks_saw_it_and_depth_goes_along
         return replace(scaffold, xyz=scaffold.xyz * [1.1, 1.1, 1.1])
 
     monkeypatch.setattr(start, "optimise_geometry", optimise)
-    config = replace(config, scaffold=replace(config.scaffold, max_nodes=4))
+    config = replace(config, scaffold=replace(config.scaffold, max_nodes=4, following_steps=0))
     begun = start_scaffold(priors, config, silent)
     ((scaffold, sightlines),) = given
     for t in range(6):

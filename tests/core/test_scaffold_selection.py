@@ -13,6 +13,7 @@ from f4x_core.scaffold.lifting import LiftedTracks, fill_gaps
 from f4x_core.scaffold.radius import RadiusConfig
 from f4x_core.scaffold.rotation import initial_rotations
 from f4x_core.scaffold.selection import (
+    MIN_COMMON,
     Selection,
     SelectionConfig,
     automatic_unit,
@@ -263,6 +264,17 @@ def test_noise_is_that_of_uneven_third_differences():
         assert found[i] == pytest.approx(np.sqrt(2) * np.median(sizes), rel=1e-6)
     short = LiftedTracks(xyz[:3], certain[:3], np.arange(5))
     assert track_noise(short, TIMES[:3]).tolist() == [0.0] * 5
+
+
+def test_what_all_tracks_do_alike_is_no_noise():
+    """An unsteady path of the camera shakes every track of a car in the world; of a few tracks nobody can tell."""
+    rng = np.random.default_rng(3)
+    own, common = 1e-4 * rng.normal(size=(FRAMES, 60, 3)), rng.normal(size=(FRAMES, 1, 3))
+    certain = np.ones((FRAMES, 60), bool)
+    shaken, still = (LiftedTracks(xyz, certain, np.arange(60)) for xyz in (own + common, own))
+    np.testing.assert_allclose(np.median(track_noise(shaken, TIMES)), np.median(track_noise(still, TIMES)), rtol=0.05)
+    few = shaken.subset(np.arange(MIN_COMMON - 1))
+    assert np.median(track_noise(few, TIMES)) > 1e3 * np.median(track_noise(still, TIMES))
 
 
 def test_of_coinciding_tracks_each_seed_keeps_one():
