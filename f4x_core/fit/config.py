@@ -369,7 +369,7 @@ def _quick() -> FitConfig:
         # cheap. Begun with nearly all of them, blackswan is .4 dB worse after 600 steps, dog the same; of moving ones people-walk
         # wants all at once (10 degrees aside -.4 dB otherwise).
         spawn_static=SpawnConfig(spacing=2.3, max_count=160_000),
-        spawn_dynamic=SpawnConfig(spacing=1.8, max_count=40_000),
+        spawn_dynamic=SpawnConfig(spacing=1.2, max_count=40_000),
         density_static=DensityConfig(max_count=200_000, every=120, growth=0.2, max_growth=2.2),
         density_dynamic=DensityConfig(max_count=50_000, every=200, gradient=1e-4),
         checkpoint_every=150,

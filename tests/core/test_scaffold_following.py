@@ -11,7 +11,7 @@ from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.native.kernels import TORCH, Kernels
 from f4x_core.scaffold.distance import curve_distance
-from f4x_core.scaffold.following import FollowingConfig, _Nodes, _samples, follow_tracks
+from f4x_core.scaffold.following import SUPPORT, FollowingConfig, _Nodes, _samples, follow_tracks
 from f4x_core.scaffold.graph import GraphConfig, build_graph
 from f4x_core.scaffold.lifting import LiftedTracks
 from f4x_core.scaffold.selection import track_residuals
@@ -139,7 +139,7 @@ def test_a_node_is_certain_where_a_track_was_seen_near_it():
     scaffold = scaffold_of_some(lifted, wrong=0.0)
     found = follow_tracks(scaffold, lifted, resting_camera(), replace(SMALL, steps=1, learning_rate=0.0)).certain
     assert found[[0, 1, 11]].all() and not found[4].any()
-    near = np.linalg.norm(scaffold.xyz[7] - lifted.xyz[7, 0], axis=1) <= scaffold.radius
+    near = np.linalg.norm(scaffold.xyz[7] - lifted.xyz[7, 0], axis=1) <= SUPPORT * scaffold.radius
     np.testing.assert_array_equal(found[7], near)
     assert near.any() and not near.all()
 
