@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor
@@ -111,8 +112,8 @@ class FrameTarget:
 
     def near_movers(self) -> FrameTarget:
         """Return the target that supervises what moves and its edge alone: the rest counts as hidden."""
-        moving, reach = self.priors.motion.float()[None, None], 2 * MOVER_EDGE + 1
-        far = torch.nn.functional.max_pool2d(moving, reach, 1, MOVER_EDGE)[0, 0] <= MOVING
+        moving, reach = (self.priors.motion > MOVING).byte().numpy(), 2 * MOVER_EDGE + 1
+        far = torch.from_numpy(cv2.dilate(moving, np.ones((reach, reach), np.uint8)) == 0)
         return replace(self, hidden=far if self.hidden is None else far | self.hidden)
 
 

@@ -10,8 +10,9 @@ from f4x_core.errors import Cancelled
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.native.kernels import TORCH, Kernels
+from f4x_core.scaffold.deformation.native.autograd import NodeTensors
 from f4x_core.scaffold.distance import curve_distance
-from f4x_core.scaffold.following import SUPPORT, FollowingConfig, _Nodes, _samples, follow_tracks
+from f4x_core.scaffold.following import SUPPORT, FollowingConfig, _samples, follow_tracks
 from f4x_core.scaffold.graph import GraphConfig, build_graph
 from f4x_core.scaffold.lifting import LiftedTracks
 from f4x_core.scaffold.selection import track_residuals
@@ -80,7 +81,7 @@ def test_the_compiled_library_carries_the_same_points():
     lifted = tracks_of_a_body(seen=0.7)
     scaffold = scaffold_of_some(lifted)
     parts = (torch.from_numpy(part).requires_grad_() for part in (scaffold.xyz, scaffold.quat))
-    nodes = _Nodes(*parts, torch.from_numpy(scaffold.radius))
+    nodes = NodeTensors(*parts, torch.from_numpy(scaffold.radius))
     found = []
     for kernels in (TORCH, NATIVE):
         made = list(_samples(scaffold, lifted, resting_camera(), SMALL, kernels, np.random.default_rng(0)))
@@ -103,7 +104,7 @@ def test_the_gradient_is_that_of_the_miss():
     sample = replace(sample, **doubled)
     radius = torch.from_numpy(scaffold.radius).double()
     poses = [torch.from_numpy(part).double().requires_grad_() for part in (scaffold.xyz, scaffold.quat)]
-    assert torch.autograd.gradcheck(lambda xyz, quat: sample.miss(_Nodes(xyz, quat, radius), few), poses)
+    assert torch.autograd.gradcheck(lambda xyz, quat: sample.miss(NodeTensors(xyz, quat, radius), few), poses)
 
 
 def test_a_lost_track_pulls_at_nothing():
@@ -112,12 +113,20 @@ def test_a_lost_track_pulls_at_nothing():
     far = replace(lifted, xyz=lifted.xyz.copy())
     far.xyz[5, :, 0] += 1.0  # all were followed onto something else there
     poses = [torch.from_numpy(part).requires_grad_() for part in (scaffold.xyz, scaffold.quat)]
-    nodes = _Nodes(*poses, torch.from_numpy(scaffold.radius))
-    config = replace(SMALL, along_ray=0.0)
-    made = list(_samples(scaffold, far, resting_camera(), config, TORCH, np.random.default_rng(0)))
-    assert not made[5].miss(nodes, config).requires_grad or not any(
-        g.any() for g in torch.autograd.grad(made[5].miss(nodes, config), poses)
-    )
+    nodes = NodeTensors(*poses, torch.from_numpy(scaffold.radius))
+    made = list(_samples(scaffold, far, resting_camera(), SMALL, TORCH, np.random.default_rng(0)))
+    assert not any(pull.any() for pull in torch.autograd.grad(made[5].miss(nodes, SMALL), poses))
+    assert all(pull.any() for pull in torch.autograd.grad(made[0].miss(nodes, SMALL), poses))
+
+
+def test_nodes_keep_their_distance_from_the_camera():
+    """Depth of a track is a guess of each frame; across the rays it is known to a fraction of a pixel."""
+    lifted = tracks_of_a_body()
+    scaffold = scaffold_of_some(lifted)
+    nearer = replace(lifted, xyz=lifted.xyz * np.linspace(0.9, 1.1, FRAMES, dtype=np.float32)[:, None, None])
+    found = follow_tracks(scaffold, nearer, resting_camera(), SMALL)
+    np.testing.assert_allclose(*(np.linalg.norm(s.xyz, axis=-1) for s in (found, scaffold)), rtol=5e-3)
+    assert np.abs(found.xyz[..., 0] - scaffold.xyz[..., 0]).max() > 0.02
 
 
 def test_threads_do_not_change_a_bit():
