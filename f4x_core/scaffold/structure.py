@@ -31,7 +31,7 @@ class Scaffold:
     radius: np.ndarray
     """(M,) float32, control radius (sigma of the skinning kernel) in world units."""
     certain: np.ndarray
-    """(F, M) bool, True where the position was observed and not filled in."""
+    """(F, M) bool, True where a track was seen at the node or near it; elsewhere its position is filled in."""
     ids: np.ndarray
     """(M,) int64, never reused."""
     neighbours: np.ndarray
