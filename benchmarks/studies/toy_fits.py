@@ -68,7 +68,10 @@ def shorten(config: FitConfig, steps: int) -> FitConfig:
         replace(control, every=max(round(fraction * control.every), 1))
         for control in (config.density_static, config.density_dynamic)
     )
-    scaffold = replace(config.scaffold, geometry_steps=round(fraction**0.5 * config.scaffold.geometry_steps))
+    settling, following = (
+        round(fraction**0.5 * count) for count in (config.scaffold.geometry_steps, config.scaffold.following_steps)
+    )
+    scaffold = replace(config.scaffold, geometry_steps=settling, following_steps=following)
     return replace(
         config,
         steps=steps,

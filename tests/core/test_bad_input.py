@@ -43,7 +43,7 @@ FULL_QUICK = fit_config.PROFILES["quick"]
 def short_quick():
     """The quick profile with so few steps that a fit takes two seconds."""
     config = FULL_QUICK()
-    scaffold = dataclasses.replace(config.scaffold, geometry_steps=10, max_nodes=8)
+    scaffold = dataclasses.replace(config.scaffold, geometry_steps=10, following_steps=10, max_nodes=8)
     return dataclasses.replace(config, steps=24, checkpoint_every=10, measure_every=8, scaffold=scaffold)
 
 

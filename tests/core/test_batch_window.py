@@ -27,7 +27,7 @@ def request_of(tmp_path):
     priors.cameras.write(tmp_path / "cameras.json")
     files = {"depth": str(tmp_path / "depth.npy"), "cameras": str(tmp_path / "cameras.json")}
     quick = profile("quick")
-    scaffold = dataclasses.replace(quick.scaffold, geometry_steps=10, max_nodes=8)
+    scaffold = dataclasses.replace(quick.scaffold, geometry_steps=10, following_steps=10, max_nodes=8)
     config = dataclasses.replace(quick, steps=20, checkpoint_every=5, threads=1, scaffold=scaffold)
     config = dataclasses.replace(config, priors=dataclasses.replace(config.priors, files=files))
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 def small(steps: int, geometry_steps: int = 15, **changes):
     quick = profile("quick")
-    scaffold = dataclasses.replace(quick.scaffold, geometry_steps=geometry_steps)
+    scaffold = dataclasses.replace(quick.scaffold, geometry_steps=geometry_steps, following_steps=geometry_steps)
     return dataclasses.replace(
         quick, steps=steps, measure_every=20, checkpoint_every=20, threads=1, scaffold=scaffold, **changes
     )

@@ -34,7 +34,7 @@ def case():
     config = profile("quick")
     spawn = dataclasses.replace(config.spawn_static, spacing=6.0, frames=3)
     few = dataclasses.replace(config.spawn_dynamic, spacing=5.0, frames=4)
-    scaffold = dataclasses.replace(config.scaffold, geometry_steps=2)
+    scaffold = dataclasses.replace(config.scaffold, geometry_steps=2, following_steps=2)
     config = dataclasses.replace(config, spawn_static=spawn, spawn_dynamic=few, scaffold=scaffold, threads=1, seed=3)
     return clip, priors, dataclasses.replace(config, backend="torch")
 

@@ -195,7 +195,7 @@ def with_moving_tracks(seen: int, short: int = 0):
 def test_eight_tracks_that_can_be_lifted_make_a_scaffold(seen, short, made):
     priors = with_moving_tracks(seen, short)
     config = profile("quick")
-    config = replace(config, scaffold=replace(config.scaffold, geometry_steps=2))
+    config = replace(config, scaffold=replace(config.scaffold, geometry_steps=2, following_steps=2))
     begun = start_scaffold(priors, config, silent)
     assert (begun.scaffold is not None) == made == bool(begun.needs)
     if not made:

@@ -55,7 +55,7 @@ def small(focal: float | None = None, **priors: Any) -> FitConfig:
         checkpoint_every=10**6,
         measure_every=STEPS,
         priors=replace(config.priors, tracks=tracks, cameras=cameras, files=files),
-        scaffold=replace(config.scaffold, max_nodes=24, geometry_steps=40),
+        scaffold=replace(config.scaffold, max_nodes=24, geometry_steps=40, following_steps=40),
         spawn_static=replace(config.spawn_static, max_count=1500),
         spawn_dynamic=replace(config.spawn_dynamic, max_count=500),
         density_static=replace(config.density_static, max_count=2000),
