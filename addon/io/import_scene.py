@@ -48,7 +48,7 @@ from ..common.point_cloud import new_point_cloud, write_attribute
 from ..edits import display
 from ..rig.motion_edits import mark_keyed
 from ..rig.repair import add_identity, add_pairs
-from ..rig.scaffold import add_graph, add_nodes, layer_of
+from ..rig.scaffold import add_graph, add_nodes, hide_nodes
 from ..scene import cache, clip_time
 from ..scene.scene_object import PATH, SELECTED, SceneObject
 from ..scene.tints import add_tints, tints_of, write_tints
@@ -187,9 +187,7 @@ def _make_editable(root: bpy.types.Object, clouds: Sequence[bpy.types.Object], s
         write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
     display.make_ready(scene_object)
     mark_keyed(scene_object)
-    layer = layer_of(root)
-    if layer is not None:
-        layer.hide_viewport = True  # hundreds of empties would cover moving objects; the sidebar shows them
+    hide_nodes(root)
     if scene.edits:
         display.refresh(scene_object)
     else:

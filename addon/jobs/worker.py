@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import count
@@ -21,7 +22,7 @@ from typing import Any, TextIO
 
 from ...f4x_core.errors import F4xError
 from ...f4x_core.processes import GRACE, end_tree, start_child
-from ...f4x_core.troubles import EXPECTED, code_of_module, coded, with_code
+from ...f4x_core.troubles import EXPECTED, UNKNOWN, code_of_module, coded, with_code
 
 ROOT = Path(__file__).resolve().parents[2]
 """The extension: a child that starts here finds the extension's own `f4x_core`, whatever its interpreter has installed."""
@@ -176,8 +177,20 @@ class Job:
         if self.on_done is not None:
             try:
                 self.on_done(self.result)
-            except EXPECTED as error:
-                self.state, self.error = FAILED, with_code(error)
+            except Exception as error:  # whatever it is, it must not end the timer that polls all other jobs
+                self._fail_to_show(error)
+
+    def _fail_to_show(self, error: Exception) -> None:
+        """Fail because of an error of `on_done`; one that no input can cause goes into the log and onto the terminal, too."""
+        self.state = FAILED
+        if isinstance(error, EXPECTED):
+            self.error = with_code(error)
+            return
+        lines = traceback.format_exception(error)
+        print("".join(lines), end="", file=sys.stderr, flush=True)
+        self.log.extend("".join(lines).splitlines())
+        reason = f"{type(error).__name__}: {error}"
+        self.error = coded(f"The task is done, but its result cannot be shown ({reason}); its log says more.", UNKNOWN)
 
     def _reason(self, code: int) -> str:
         """Return a sentence for a child that ended without one."""

@@ -26,7 +26,7 @@ from ...f4x_core.scaffold.missing import carriers
 from ..common.point_cloud import read_attribute, write_attribute
 from ..scene.clip_time import retarget
 from ..scene.scene_object import SceneObject, root_of
-from .scaffold import HANDLE, NODE, NODES, layer_of, nodes_of
+from .scaffold import HANDLE, NODE, NODES, hide_nodes, layer_of, nodes_of
 
 ORDER = "f4x_order"
 """Property of a root: hash of the names and ids that its nodes had when their places were worked out.
@@ -185,7 +185,7 @@ def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
     layer = layer_of(original)
     root[NODES] = own
     if layer is not None and layer.hide_viewport:
-        layer_of(root).hide_viewport = True
+        hide_nodes(root)
     swaps = {shared: own}
     for helper in _helpers(original):  # they are hidden, and Blender copies only what can be selected
         swaps[helper] = _copy_below(root, original, helper)
@@ -309,4 +309,17 @@ def _file_loaded(*_) -> None:
     repair(bpy.context.scene)
 
 
-HANDLERS = {"depsgraph_update_pre": _changed, "frame_change_pre": _changed, "load_post": _file_loaded}
+@persistent
+def _brought_in(context: bpy.types.BlendImportContext, *_) -> None:
+    """Hide the nodes of scenes that were appended or linked: their own file's view layer hid them, and stays there."""
+    for item in context.import_items:
+        if isinstance(item.id, bpy.types.Object) and NODES in item.id:
+            hide_nodes(item.id)
+
+
+HANDLERS = {
+    "depsgraph_update_pre": _changed,
+    "frame_change_pre": _changed,
+    "load_post": _file_loaded,
+    "blend_import_post": _brought_in,
+}

@@ -56,6 +56,13 @@ def layer_of(root: bpy.types.Object) -> bpy.types.LayerCollection | None:
     return None
 
 
+def hide_nodes(root: bpy.types.Object) -> None:
+    """Hide the nodes of a scene in the present view layer: hundreds of empties would cover what moves; the sidebar shows them."""
+    layer = layer_of(root)
+    if layer is not None:
+        layer.hide_viewport = True
+
+
 def poses_of(scaffold: Scaffold, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the poses (xyz (T,M,3), quat (T,M,4)) at clip frames, neighbours in time on one hemisphere."""
     poses = [node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, float(frame)) for frame in frames]

@@ -105,6 +105,18 @@ def test_what_fails_after_the_job_is_its_error():
     assert (job.state, job.error) == (worker.FAILED, "cannot be imported. [F4X-INSTALL]")
 
 
+def test_a_mistake_after_the_job_is_its_error_too(capsys):
+    def stumble(result):
+        raise KeyError("scene")
+
+    code = "import json; print(json.dumps({'result': {}}))"
+    job = worker.Job("test", [sys.executable, "-c", code], stumble)
+    job.wait()
+    assert job.state == worker.FAILED and not job.poll()
+    assert job.error.startswith("The task is done") and job.error.endswith("[F4X-OTHER]") and "'scene'" in job.error
+    assert "in stumble" in "".join(job.log) and "in stumble" in capsys.readouterr().err
+
+
 @POSIX
 @pytest.mark.parametrize("kind", ["deaf", "willing"])
 def test_cancel_ends_the_whole_family(tmp_path, kind):

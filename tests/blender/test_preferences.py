@@ -114,6 +114,22 @@ assert last.child.poll() is not None and not bpy_app.timers.is_registered(runner
     perform(tmp_path, START + WINDOWED + code)
 
 
+def test_a_mistake_after_one_job_leaves_the_timer_to_the_others(tmp_path):
+    code = """
+talk = "import json, sys, time; time.sleep(float(sys.argv[1])); print(json.dumps({'result': {}}))"
+shown = []
+wrong = worker.Job("wrong", [sys.executable, "-c", talk, "0"], lambda result: shown.append(result["absent"]))
+right = worker.Job("right", [sys.executable, "-c", talk, "1"], shown.append)
+runner.start(wrong)
+runner.start(right)
+while runner.tick():
+    time.sleep(0.02)
+assert wrong.state == worker.FAILED and "cannot be shown (KeyError: 'absent')" in wrong.error, wrong.error
+assert right.state == worker.DONE and shown == [{}]
+"""
+    perform(tmp_path, START + WINDOWED + code)
+
+
 def test_the_worker_is_asked_about_the_scene(tmp_path):
     write_scene(labelled_scene(), tmp_path / "labelled.f4x")
     code = """

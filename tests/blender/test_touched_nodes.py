@@ -214,3 +214,19 @@ arrays["twin moved"] = values(twin)
         np.testing.assert_allclose(arrays[name], arrays["before"], atol=1e-5)
     assert np.abs(arrays["moved"] - arrays["before"]).max() > 0.05
     np.testing.assert_array_equal(arrays["twin moved"], arrays["moved"])
+
+
+@pytest.mark.parametrize("how", ["append", "link"])
+def test_nodes_of_a_scene_from_another_file_are_hidden(tiny_folder, how):
+    script = f"""
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "lib.blend"))
+bpy.ops.wm.read_factory_settings(use_empty=True)
+options = {{}} if {how!r} == "append" else {{"instance_collections": False}}
+bpy.ops.wm.{how}(directory=str(folder / "lib.blend" / "Collection") + "/", filename="tiny", **options)
+(there,) = [item for item in bpy.context.scene.objects if "f4x_path" in item]
+noted["hidden"], noted["nodes"] = layer_of(there).hide_viewport, len(layer_of(there).collection.objects)
+arrays["appended"] = values(bpy.data.objects["tiny dynamic"])
+"""
+    noted, arrays = perform(tiny_folder, START + script)
+    assert noted["hidden"] and noted["nodes"] == NODES
+    assert len(arrays["appended"]) == len(arrays["before"])
