@@ -10,6 +10,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
+from ...f4x_core.raster.contract import RasterConfig
 from ...f4x_core.scene.color import linear_from_srgb
 from ..common.point_cloud import read_attribute
 from ..render import viewport_gpu
@@ -105,10 +106,18 @@ def _no_surfaces() -> SurfaceDepths:
 
 def _batch(cloud: bpy.types.Object, data: bpy.types.PointCloud) -> gpu.types.GPUBatch | None:
     """Return the selected points of an evaluated cloud; None where there are none."""
-    chosen = read_attribute(data, SELECTED)
-    if chosen is None or not chosen.any():
+    rows = drawn_rows(data)
+    if not len(rows):
         return None
-    return batch_for_shader(_shader(), "POINTS", {"pos": carried_places(cloud, data)[np.flatnonzero(chosen)]})
+    return batch_for_shader(_shader(), "POINTS", {"pos": carried_places(cloud, data)[rows]})
+
+
+def drawn_rows(data: bpy.types.PointCloud) -> np.ndarray:
+    """Return (n,) int: the selected points of an evaluated cloud that have an opacity now; most of a fast mover is not there."""
+    chosen, base = read_attribute(data, SELECTED), read_attribute(data, "radiance:base")
+    if chosen is None or base is None:
+        return np.zeros(0, int)
+    return np.flatnonzero(chosen.astype(bool) & (base[:, 3] >= RasterConfig.alpha_min))
 
 
 @persistent

@@ -15,6 +15,8 @@ from f4x_core.edit.operations import Transform
 from f4x_core.edit.selects import Ids
 from f4x_core.scene import Scene, write_scene
 
+from .artist import perform
+
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "import_scene.py"
 FRAMES = (0, 2, 3, 4, 5)
 DOOR = f"import sys; sys.path.insert(0, {str(SCRIPT.parent)!r}); import door\n"
@@ -85,3 +87,24 @@ def test_blender_fades_as_the_core_does(tmp_path, moved):
                 assert np.allclose(alphas, expected, atol=1e-3), (frame, name)
                 seen += len(alphas)
         assert seen == len(there)
+
+
+def test_pink_points_are_those_that_are_there(tmp_path):
+    scene = fading_scene()
+    write_scene(scene, tmp_path / "scene.f4x")
+    script = """
+from feature4x.addon.ui.overlay import drawn_rows
+bpy.ops.wm.read_factory_settings(use_empty=True)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+def drawn(cloud):
+    data = cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    return read_attribute(data, "gid")[drawn_rows(data)]
+bpy.context.scene.frame_set(3)
+arrays["none"] = np.concatenate([drawn(cloud) for cloud in scene_object().clouds])
+ops.change_selection(how="ALL")
+arrays["all"] = np.concatenate([drawn(cloud) for cloud in scene_object().clouds])
+"""
+    _, drawn = perform(tmp_path, script)
+    posed = scene.posed(3)
+    assert not len(drawn["none"]) and 0.1 < (posed.opacities < 1 / 255).mean() < 0.9
+    assert set(drawn["all"]) == set(scene.ids[posed.opacities >= 1 / 255])
