@@ -58,7 +58,7 @@ def rewrite(datablock: bpy.types.ID, frames: np.ndarray, channels: Mapping[str, 
 
 
 def curves_of(datablock: bpy.types.ID):
-    """The F-curves of a datablock; None where it has no keys."""
+    """Return the F-curves of a datablock; None where it has no keys."""
     data = datablock.animation_data
     if data is None or data.action is None:
         return None

@@ -160,7 +160,7 @@ def camera_lens(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph, back: 
 
 
 def lens_from_intrinsics(matrices: np.ndarray, width: int, height: int, sensor_width: float) -> dict[str, np.ndarray]:
-    """Blender camera settings (name -> (T,) values) of pinhole matrices `(T,3,3)`, for sensor fit HORIZONTAL.
+    """Return Blender's camera settings (name -> (T,) values) for pinhole matrices `(T,3,3)` and sensor fit HORIZONTAL.
 
     Vertical numbers are in square pixels: with fx != fy the render's pixel aspect must be fx / fy.
     """

@@ -49,7 +49,7 @@ class _Tree:
     """A geometry node group with short words for adding and linking nodes."""
 
     def __init__(self, name: str, inputs: dict[str, str], outputs: dict[str, str]):
-        """`inputs` and `outputs`: name -> socket type."""
+        """Create an empty tree with the sockets `inputs` and `outputs`, each name -> socket type."""
         self.tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
         for direction, sockets in (("INPUT", inputs), ("OUTPUT", outputs)):
             for socket, kind in sockets.items():
@@ -83,11 +83,11 @@ class _Tree:
         return self.out("ShaderNodeMath", *inputs, operation=operation)
 
     def vector(self, operation: str, *inputs):
-        """Vector arithmetic; a number on an input fills all three components."""
+        """Add vector arithmetic and return its output; a number on an input fills all three components."""
         return self.out("ShaderNodeVectorMath", *inputs, operation=operation)
 
     def scaled(self, vector, factor):
-        """vector * number."""
+        """Add the product of a vector and a number, and return its output."""
         node = self.tree.nodes.new("ShaderNodeVectorMath")
         node.operation = "SCALE"
         self.link(vector, node.inputs["Vector"])
@@ -98,7 +98,7 @@ class _Tree:
         return node.outputs[0]
 
     def attribute(self, name: str, data_type: str):
-        """Field of a named attribute."""
+        """Return the field of a named attribute."""
         return self.out("GeometryNodeInputNamedAttribute", name, data_type=data_type)
 
     def store(self, geometry, name: str, data_type: str, value, domain: str = "POINT"):
@@ -198,7 +198,7 @@ def build_presence_tree(name: str) -> bpy.types.GeometryNodeTree:
     start, there, until, end = (tree.attribute(f"span_{i}", "FLOAT") for i in range(4))
 
     def ramp(since, first, last):
-        """Fraction of the way from first to last that has passed; a step where they are equal."""
+        """Return the fraction of the way from first to last that has passed; a step where they are equal."""
         length = tree.math("MAXIMUM", tree.math("SUBTRACT", last, first), STEP)
         node = tree.add("ShaderNodeMath", since, length, operation="DIVIDE")
         node.use_clamp = True
@@ -250,7 +250,7 @@ def build_tints_tree(name: str) -> bpy.types.GeometryNodeTree:
 
 
 def _tint_at(tree: _Tree, number):
-    """The tint of a knot as a vector, in 255ths of display color."""
+    """Return the field of the tint at knot `number`: a vector in 255ths of display color."""
     text = tree.out("FunctionNodeValueToString", number, data_type="INT")
     join = tree.tree.nodes.new("GeometryNodeStringJoin")
     for part in (text, tree.out("FunctionNodeInputString", string=TINT)):  # the link that is made last comes first
@@ -263,7 +263,7 @@ def _tint_at(tree: _Tree, number):
 
 
 def _light(tree: _Tree, dc):
-    """Linear light of the display color that a coefficient of degree 0 makes (`scene.color.linear_from_srgb`)."""
+    """Return the linear light of the display color that the coefficient `dc` makes (`scene.color.linear_from_srgb`)."""
     node = tree.add("ShaderNodeMath", dc, C0, 0.5, operation="MULTIPLY_ADD")
     node.use_clamp = True
     display = node.outputs[0]
@@ -273,7 +273,7 @@ def _light(tree: _Tree, dc):
 
 
 def _pair_motions(tree: _Tree, nodes: bpy.types.Collection, helper: bpy.types.Object):
-    """Geometry of the helper, and the three vectors of its vertices' motions as fields on it."""
+    """Return the helper's geometry with the motion of each pair captured on its vertices, a dual quaternion in three vectors."""
     info = tree.add("GeometryNodeCollectionInfo", nodes, True, False, transform_space=SCENE_FRAME)
     # An artist may resize an empty: its scale takes no part.
     now = tree.add("FunctionNodeSeparateTransform", tree.out("GeometryNodeInstanceTransform")).outputs
@@ -295,7 +295,7 @@ def _pair_motions(tree: _Tree, nodes: bpy.types.Collection, helper: bpy.types.Ob
 
 
 def _weighted_slot_group(name: str) -> bpy.types.GeometryNodeTree:
-    """Node group that adds one weighted, sign-aligned dual quaternion to the running sums."""
+    """Return a node group that adds one weighted, sign-aligned dual quaternion to the running sums."""
     motion = ("Real", "Dual", "Scalars")
     sums = [f"Sum of {part}" for part in motion]
     vectors = (*motion, "Weight", "Attach Real", "Attach Scalars", *sums)

@@ -72,7 +72,7 @@ def select_only(item: bpy.types.Object) -> None:
 
 
 def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Blender 4.5 and 5.0 can only convert a mesh's vertices to points."""
+    """Return a point cloud that is converted from the vertices of a mesh: Blender 4.5 and 5.0 have no other way."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(max(count, 1))  # an empty mesh does not convert
     item = bpy.data.objects.new(name, mesh)

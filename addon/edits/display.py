@@ -370,7 +370,7 @@ def show_linear(scene_object: SceneObject) -> None:
 
 
 def _differing(sh: np.ndarray, of_file: np.ndarray) -> np.ndarray:
-    """(N,) bool: which of N Gaussians have other harmonics in `sh (N,S,3)` than the file, `of_file (M,S,3)`; copies, last, have."""
+    """Return (N,) bool, True where `sh (N,S,3)` differs from the file's `of_file (M,S,3)`, and for copies, which come last."""
     differs = np.ones(len(sh), bool)
     if sh is of_file:
         differs[:] = False

@@ -136,7 +136,7 @@ class F4X_OT_set_up_worker(Reporting, bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Allowed if Blender may use the network."""
+        """Return True if Blender may use the network."""
         if not bpy.app.online_access:
             cls.poll_message_set(
                 "Allow Online Access in Preferences > System, or choose a Python that has the packages"

@@ -30,12 +30,12 @@ _jobs: list[Job] = []
 
 
 def all_jobs() -> tuple[Job, ...]:
-    """Running jobs and ended ones that were not dismissed, oldest first."""
+    """Return the running jobs and the ended ones that were not dismissed, oldest first."""
     return tuple(_jobs)
 
 
 def in_order() -> tuple[Job, ...]:
-    """Jobs as the panel lists them: running ones first, then ended ones, the last one first."""
+    """Return the jobs as the panel lists them: running ones first, then ended ones, the last one first."""
     return tuple(sorted(reversed(_jobs), key=lambda job: job.state != worker.RUNNING))
 
 

@@ -17,7 +17,7 @@ class SceneOperator(Reporting):
 
     @classmethod
     def poll(cls, context):
-        """Allowed if there is an imported scene that can be changed."""
+        """Return True if there is an imported scene that can be changed."""
         reason = why_not(context.object)
         if reason:
             cls.poll_message_set(reason)
@@ -52,7 +52,7 @@ class DescribedChoice:
 
     @classmethod
     def description(cls, context, properties):
-        """The tooltip of each button."""
+        """Return the tooltip of a button: that of its choice."""
         return properties.bl_rna.properties[cls.choice].enum_items[getattr(properties, cls.choice)].description
 
 

@@ -66,7 +66,7 @@ def _block(text: str, names: frozenset[str]) -> str:
 
 
 def _words(text: str, names: frozenset[str]) -> str:
-    """Inline Markdown: code, links, bold and italic words."""
+    """Return a line of Markdown as HTML: code, links, bold and italic words; links to pages not in `names` become words."""
 
     def link(found: re.Match[str]) -> str:
         page, _, anchor = found[2].partition("#")

@@ -135,7 +135,7 @@ class F4X_OT_recolour(_Edit, bpy.types.Operator):  # noqa: N801 - Blender wants 
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
 
     def operation(self, scene_object):
-        """A colour change, of the whole colour or of the hue only."""
+        """Return a change of the whole colour or of the hue only."""
         rgb = tuple(round(round(255 * value) / 255, PLACES) for value in self.rgb)  # the list of edits has its hex code
         mode = {"mode": "hue"} if self.hue else {"keep_luminance": self.shading}
         return Recolour(
@@ -152,7 +152,7 @@ class F4X_OT_style(_Edit, bpy.types.Operator):  # noqa: N801
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
 
     def operation(self, scene_object):
-        """A look from the table."""
+        """Return a look from the table."""
         return Style(scene_object.selected_ids, self.look, round(self.strength, 4), _span(scene_object))
 
 
@@ -164,7 +164,7 @@ class F4X_OT_opacity(_EditWithShadow, bpy.types.Operator):  # noqa: N801
     factor: FloatProperty(name="Factor", default=0.5, min=0.0, max=10.0, soft_max=1.0)  # type: ignore[valid-type]
 
     def operation(self, scene_object):
-        """Opacity times a factor."""
+        """Return a change of the opacity by a factor."""
         return Opacity(scene_object.selected_ids, round(self.factor, 4), _span(scene_object))
 
 
@@ -174,7 +174,7 @@ class F4X_OT_remove(_EditWithShadow, bpy.types.Operator):  # noqa: N801
     bl_idname, bl_label = "f4x.remove", "Remove"
 
     def operation(self, scene_object):
-        """Removal in the time span, or for the whole clip."""
+        """Return the removal of the selection, in the time span or for the whole clip."""
         return Delete(scene_object.selected_ids, _span(scene_object))
 
 
@@ -184,7 +184,7 @@ class F4X_OT_extract(_Edit, bpy.types.Operator):  # noqa: N801
     bl_idname, bl_label = "f4x.extract", "Keep Only"
 
     def operation(self, scene_object):
-        """Removal of everything else in the time span, or for the whole clip."""
+        """Return the removal of everything else, in the time span or for the whole clip."""
         return Extract(scene_object.selected_ids, _span(scene_object))
 
 
@@ -236,7 +236,7 @@ class F4X_OT_transform(_EditWithShadow, _Dialog, bpy.types.Operator):  # noqa: N
         column.prop(self, "last")
 
     def operation(self, scene_object):
-        """The transform in the scene's axes; the rotation is a rotation vector in degrees."""
+        """Return the transform along the scene's axes; its rotation is a rotation vector in degrees."""
         turn, axes = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map()), scene_object.axes
         return Transform(
             scene_object.selected_ids,
@@ -501,14 +501,14 @@ class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Allowed if something is planned."""
+        """Return True if something is planned."""
         if not super().poll(context):
             return False
         cls.poll_message_set("Nothing is planned")
         return context.mode == "OBJECT" and len(SceneObject.of(context.object).state.readings) > 0
 
     def act(self, context, scene_object):
-        """Back to the pending edits."""
+        """Forget the plan and show the pending edits."""
         drop_plan(scene_object)
 
 

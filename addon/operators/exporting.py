@@ -114,7 +114,7 @@ class F4X_OT_export_scene(Reporting, bpy.types.Operator, ExportHelper):  # noqa:
 
     @classmethod
     def poll(cls, context):
-        """Allowed if there is an imported scene."""
+        """Return True if there is an imported scene."""
         if SceneObject.of(context.active_object) is not None:
             return True
         cls.poll_message_set("Import a scene or splats with Feature4X, or select an object of one")

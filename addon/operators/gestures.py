@@ -143,7 +143,7 @@ class _Drawn(_Gesture):
         raise NotImplementedError
 
     def select(self, scene_object, seen):
-        """Gaussians in the shape, or of the thing that they show."""
+        """Return the selection of the Gaussians in the shape, or of the thing that they show."""
         for name in ("through", "whole"):
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(scene_object.state, name))
@@ -245,7 +245,7 @@ class F4X_OT_select_sphere(_Gesture, bpy.types.Operator):  # noqa: N801
     radius: FloatProperty(name="Radius", description="In Blender's units", min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
 
     def take(self, corners):
-        """The centre is what is under the first place; the radius is the distance to the last one, in the depth of the centre."""
+        """Put the centre on what is under the first place, and make the radius reach the last one in the centre's depth."""
         context = bpy.context
         if len(corners) == 1:
             self.centre = place_under(context, SceneObject.of(context.object), corners[0])
@@ -260,7 +260,7 @@ class F4X_OT_select_sphere(_Gesture, bpy.types.Operator):  # noqa: N801
         return [_circle(self._ends[0], math.dist(*self._ends))]
 
     def select(self, scene_object, seen):
-        """Gaussians in the sphere."""
+        """Return the selection of the Gaussians in the sphere."""
         return select_by_sphere(scene_object.shown.scene, scene_object.view(seen), tuple(self.centre), self.radius)
 
     def act(self, context, scene_object):
@@ -283,7 +283,7 @@ def place_under(context: bpy.types.Context, scene_object: SceneObject, at: Corne
 
 
 def _keys(operator: str, value: str) -> tuple:
-    """Keymap of a tool: Blender's own modifiers choose the mode."""
+    """Return the keymap of a tool, in which Blender's own modifiers choose the mode."""
     held = {"SET": {}, "ADD": {"shift": True}, "SUBTRACT": {"ctrl": True}, "INTERSECT": {"shift": True, "ctrl": True}}
     return tuple(
         (operator, {"type": "LEFTMOUSE", "value": value, **keys}, {"properties": [("mode", mode)]})

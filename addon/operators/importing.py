@@ -112,7 +112,7 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         return {"FINISHED"}
 
     def _takes_over(self, context: bpy.types.Context) -> bool:
-        """True to set up the render: as asked, else in a new file."""
+        """Return True if the import sets up the render: as asked, else in a new file."""
         if self.properties.is_property_set("set_up_render"):
             return self.set_up_render
         return not is_under_way(context.scene)
@@ -181,7 +181,7 @@ class F4X_OT_set_up_render(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Allowed if the scene still has the camera that came with it."""
+        """Return True if the scene still has the camera that came with it."""
         scene_object = SceneObject.of(context.object)
         if scene_object is not None and clip_camera(scene_object.root) is not None:
             return True
@@ -211,7 +211,7 @@ class F4X_OT_choose_clip(Reporting, bpy.types.Operator, ImportHelper):  # noqa: 
 
     @classmethod
     def poll(cls, context):
-        """Allowed if an object of an imported scene is selected."""
+        """Return True if an object of an imported scene is active."""
         if _root_of(context.object) is not None:
             return True
         cls.poll_message_set("Select an object of an imported scene")

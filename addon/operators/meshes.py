@@ -146,7 +146,7 @@ def _start(scene_object: SceneObject, ids: np.ndarray, time: float | None, confi
 
 
 def _active_uid() -> int:
-    """session_uid of the active object; 0 where there is none."""
+    """Return the session_uid of the active object; 0 where there is none."""
     active = bpy.context.view_layer.objects.active
     return 0 if active is None else active.session_uid
 
@@ -160,7 +160,7 @@ class F4X_OT_collider(Reporting, bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Allowed for a mesh that was made of Gaussians."""
+        """Return True for a mesh that was made of Gaussians."""
         return is_made(context.object)
 
     def execute(self, context):
@@ -210,7 +210,7 @@ def is_made(item: bpy.types.Object | None) -> bool:
 
 
 def _switch(native: str):
-    """Getter and setter of one of Blender's own switches, for a mesh that only some of them let a camera see."""
+    """Return getter and setter of one of Blender's own switches, for a mesh that only some of them let a camera see."""
 
     def set_native(item, value):
         setattr(item, native, value)

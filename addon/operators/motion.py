@@ -28,7 +28,7 @@ class _MotionOperator(SceneOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Allowed in Object Mode, for a scene with nodes."""
+        """Return True in Object Mode, for a scene with nodes."""
         scene_object = SceneObject.of(context.object)
         if scene_object is None or not nodes_of(scene_object.root):
             cls.poll_message_set("Select an object of an imported scene with moving objects")
@@ -73,7 +73,7 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Allowed if a node is selected."""
+        """Return True if a node is selected."""
         if not super().poll(context):
             return False
         if not any(NODE in item for item in context.selected_objects):
@@ -215,7 +215,7 @@ class F4X_OT_remove_handles(_MotionOperator):  # noqa: N801
     bl_label = "Remove Group Handles"
 
     def act(self, context, scene_object):
-        """Key the nodes where they are."""
+        """Remove the handles, and key the nodes where they are."""
         with keys_in_force(scene_object.root):
             remove_handles(scene_object.root, scene_object.base.cameras.times)
 
@@ -266,6 +266,6 @@ CLASSES = (*OPERATORS, F4X_MT_object)
 
 
 def draw_menu(self, context) -> None:
-    """Entry of the Object menu."""
+    """Draw the entry of the Object menu."""
     self.layout.separator()
     self.layout.menu(F4X_MT_object.__name__)

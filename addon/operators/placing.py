@@ -148,7 +148,7 @@ class F4X_OT_align_points(_Clicks, bpy.types.Operator):  # noqa: N801
     c: FloatVectorProperty(name="Third", description="In Blender's world", subtype="XYZ")  # type: ignore[valid-type]
 
     def take(self, places):
-        """The three points."""
+        """Take the three points."""
         self.a, self.b, self.c = places
 
     def act(self, context, scene_object):
@@ -180,7 +180,7 @@ class F4X_OT_scale_length(_Clicks, bpy.types.Operator):  # noqa: N801
         return super().invoke(context, event)
 
     def take(self, places):
-        """The two ends, and their distance now as what is to be changed."""
+        """Take the two ends, and their present distance as the length to change."""
         self.a, self.b = places
         self.length = (places[1] - places[0]).length
 

@@ -157,7 +157,7 @@ class SearchOperator(SceneOperator):
 
 
 def _edits_of(root: bpy.types.Object) -> list[str | None]:
-    """JSON of the pending edits and of those that are previewed: Gaussians are counted by them."""
+    """Return the JSON of the pending edits and of those that are previewed: Gaussians are counted by them."""
     return [root.get(EDITS), root.get(PREVIEW)]
 
 

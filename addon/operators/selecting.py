@@ -131,7 +131,7 @@ def _query(
     threshold: float,
     has_worker: bool,
 ) -> Answer:
-    """The selection by labels and names in `shown`; words that no label is are handed back where there is a worker to add them."""
+    """Return the selection by labels and names in `shown`; where there is a worker, words without a label, for it to add."""
     check_negatives(words, negatives)
     found = by_names(shown.scene, words, threshold)
     called = " and ".join(word if word in found else f"the {word}" for word in words)
@@ -276,11 +276,11 @@ class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
     )
 
     def prompt(self):
-        """One point."""
+        """Return the clicked point as a prompt."""
         return {"points": [tuple(self.at)]}
 
     def handle(self, context, event):
-        """A click."""
+        """Take a click: its pixel, and whether it means a part of a body. Return True if it was one."""
         if event.type != "LEFTMOUSE" or event.value != "PRESS":
             return False
         self.at, self.part = self._pixel(context, *self._mouse(event)), event.ctrl
@@ -297,7 +297,7 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
     box: FloatVectorProperty(name="Box", description="Left, top, right, bottom in pixels of the clip", size=4)  # type: ignore[valid-type]
 
     def prompt(self):
-        """The box."""
+        """Return the drawn box as a prompt."""
         return {"box": tuple(self.box)}
 
     def require(self, context) -> None:

@@ -96,7 +96,7 @@ class SavedSceneOperator(_WorkerOperator):
 
     @classmethod
     def poll(cls, context):
-        """Allowed if the active object belongs to a scene."""
+        """Return True if the active object belongs to a scene."""
         if SceneObject.of(context.active_object) is None:
             cls.poll_message_set("Select an object of an imported Feature4X scene")
             return False
@@ -227,7 +227,7 @@ class F4X_OT_refit(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Allowed where Blender draws splats itself."""
+        """Return True where Blender draws splats itself, and the active object belongs to a scene."""
         if not draws_splats():
             cls.poll_message_set("Blender draws splats itself from version 5.3 on")
             return False

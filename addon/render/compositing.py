@@ -168,7 +168,7 @@ def _add_nodes(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, other: bpy.ty
 
 
 def _columns(tree: bpy.types.NodeTree) -> list[list[bpy.types.Node]]:
-    """Our nodes from left to right."""
+    """Return our nodes by column, from left to right."""
     ours = [node for node in tree.nodes if node.name.startswith(f"{NODE} ")]
     order = ("R_LAYERS", "SEPARATE_COLOR", "MATH", "COMBINE_COLOR")
     return [[node for node in ours if node.type == kind] for kind in order]

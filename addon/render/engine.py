@@ -86,7 +86,7 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Shown for this engine alone."""
+        """Return True for this engine alone."""
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context):
@@ -151,7 +151,7 @@ class F4X_PT_mist(bpy.types.Panel):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Shown for this engine where there is a world."""
+        """Return True for this engine where there is a world."""
         return context.engine in cls.COMPAT_ENGINES and context.world is not None
 
     def draw(self, context):
@@ -286,7 +286,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         self.end_result(result)
 
     def view_update(self, context, depsgraph):
-        """Something changed in the scene: read it again."""
+        """Read the scene again, in which something has changed."""
         self._stage = (*self._reader.stage(depsgraph, context.space_data), evaluated.world_color(depsgraph.scene.world))
         self._step = 0
 
@@ -382,7 +382,7 @@ def _titles(layer: bpy.types.ViewLayer) -> dict[str, str]:
 
 
 def _mist(world: bpy.types.World | None, back: float) -> Mist:
-    """Blender's own settings of the mist; `back`: of the camera's `Eye`."""
+    """Return the mist by Blender's own settings; `back`: of the camera's `Eye`."""
     if world is None:
         return Mist(back=back)
     settings = world.mist_settings
@@ -407,7 +407,7 @@ def _region(render: bpy.types.RenderSettings, width: int, height: int) -> tuple[
 
 
 def _shared_panels() -> list[type]:
-    """Blender's own panels that every simple engine shows."""
+    """Return Blender's own panels that every simple engine shows."""
     return [
         panel
         for panel in bpy.types.Panel.__subclasses__()

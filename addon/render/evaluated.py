@@ -173,7 +173,7 @@ class Reader:
     """
 
     def __init__(self) -> None:
-        """Nothing has been read yet."""
+        """Begin with nothing read."""
         self._clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
         self._surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
         self._written: dict[int, frozenset[str] | None] = {}

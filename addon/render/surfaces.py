@@ -46,7 +46,7 @@ class Images:
     """Pixels of images, read once each."""
 
     def __init__(self) -> None:
-        """Nothing has been read yet."""
+        """Begin with nothing read."""
         self._read: dict[int, np.ndarray | None] = {}
 
     def pixels(self, image: bpy.types.Image) -> np.ndarray | None:

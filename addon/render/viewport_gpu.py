@@ -178,7 +178,7 @@ class _Targets:
         self.shown = gpu.types.GPUFrameBuffer(color_slots=(self.linear,))
 
     def clear(self, background: np.ndarray, far: float) -> None:
-        """The world's colour, and nothing before `far`."""
+        """Fill the picture with the world's colour, and the depths with `far`, before which nothing is."""
         with self.grounded.bind():
             self.grounded.clear(depth=1.0)
         self.picture.clear(format="FLOAT", value=(*background.tolist(), 1.0))

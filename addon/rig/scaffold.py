@@ -245,7 +245,7 @@ def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
 
 @contextmanager
 def _gaussians_at_rest(root: bpy.types.Object) -> Iterator[None]:
-    """A context in which modifiers below `root` and timed edits are off, because only the empties are needed."""
+    """Switch modifiers below `root` and timed edits off within a `with` block that needs the empties alone."""
     shown = [m for item in SceneObject(root).below for m in item.modifiers if m.show_viewport]
     timed, root[TIMED] = root.get(TIMED, False), False
     for modifier in shown:

@@ -142,7 +142,7 @@ def opened(path: Path) -> Scene:
 
 
 def text_of(stack: EditStack) -> str:
-    """JSON of a stack."""
+    """Return the JSON of a stack."""
     return json.dumps(stack.to_json())
 
 

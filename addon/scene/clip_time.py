@@ -197,7 +197,7 @@ def keep(root: bpy.types.Object) -> None:
 
 @contextmanager
 def keys_in_force(root: bpy.types.Object) -> Iterator[Timing]:
-    """A context in which the nodes follow their keys on the timeline, however Time is animated; gives where keys are then."""
+    """Let the nodes follow their keys on the timeline in a `with` block, however Time is animated; yield where keys are then."""
     looked_up = root.get(LOOKED_UP, False)
     _held.add(root.session_uid)
     try:
@@ -302,7 +302,7 @@ def _look_up(root: bpy.types.Object, on: bool) -> None:
 
 
 def _snapped(times: np.ndarray) -> np.ndarray:
-    """Times, those near a whole clip frame put on it."""
+    """Return the times, with those near a whole clip frame put on it."""
     whole = np.round(times)
     return np.where(np.abs(times - whole) < NEAR, whole, times)
 

@@ -48,7 +48,7 @@ def unpacked(root: bpy.types.Object) -> Path | None:
 
 
 def forget() -> None:
-    """Another .blend was opened: remove the files that were made for the last one."""
+    """Remove the files that were made for the last .blend, now that another one is open."""
     _copies.clear()
     while _folders:
         _folders.pop().cleanup()

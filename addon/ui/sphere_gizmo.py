@@ -46,7 +46,7 @@ class F4X_GGT_sphere(bpy.types.GizmoGroup):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Shown where the scene has such a sphere."""
+        """Return True where the scene has such a sphere."""
         scene_object = SceneObject.of(context.object)
         return scene_object is not None and scene_object.state.sphere_radius > 0
 
