@@ -23,6 +23,7 @@ from bpy.props import (
 from bpy_extras.io_utils import ExportHelper
 from mathutils import Euler
 
+from ...f4x_core.edit.change import holds
 from ...f4x_core.edit.operations import (
     NOTHING_ALONG,
     Delete,
@@ -459,6 +460,7 @@ class F4X_OT_plan(SearchOperator, bpy.types.Operator):  # noqa: N801
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
             row.description = description
+            row.first, row.last = _when(candidate.operations, scene_object.base.cameras.times)
         state.answer = panel_words(" ".join(proposal.notes))
         state.slower = _speed_of_everything(proposal.chosen.operations)
         state.reading_index = proposal.best
@@ -535,6 +537,17 @@ def _speed_of_everything(operations: tuple[Operation, ...]) -> float:
         case (Retime(select=All(), speed=speed, frames=None),) if speed < 1:
             return speed
     return 0.0
+
+
+def _when(operations: Sequence[Operation], times: np.ndarray) -> tuple[float, float]:
+    """Return the first and last of the clip frames `times (T,)` at which operations change anything; the clip's where none does."""
+    last = float(times[-1])
+    changed = [
+        time
+        for time in times.tolist()
+        if any(holds(each.span, time) or each.fraction(time, last) > 0 for each in operations)
+    ]
+    return (changed[0], changed[-1]) if changed else (float(times[0]), last)
 
 
 def forget_readings(scene_object: SceneObject) -> None:

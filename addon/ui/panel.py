@@ -290,6 +290,7 @@ class F4X_PT_change(Section, bpy.types.Panel):  # noqa: N801
                 button.number = number
             if picked:
                 draw_lines(box, context, reading.description)
+                draw_lines(box, context, reading.line_at(SceneObject.of(context.object).frame), "INFO")
         row = box.row(align=True)
         row.operator("f4x.apply_plan", icon="CHECKMARK")
         shown = context.window_manager.f4x

@@ -147,6 +147,17 @@ class F4X_PG_reading(bpy.types.PropertyGroup):  # noqa: N801
 
     operations: StringProperty()  # type: ignore[valid-type]
     description: StringProperty()  # type: ignore[valid-type]
+    first: FloatProperty()  # type: ignore[valid-type]
+    """First clip frame at which it changes anything."""
+    last: FloatProperty()  # type: ignore[valid-type]
+    """Last clip frame at which it changes anything."""
+
+    def line_at(self, frame: float) -> str:
+        """Return a sentence where nothing changes at a clip frame, so that the preview shows nothing; else an empty string."""
+        if self.first <= frame <= self.last:
+            return ""
+        bound = f"from frame {self.first:.0f} on" if frame < self.first else f"until frame {self.last:.0f}"
+        return f"Not seen at frame {frame:.0f}: it changes something {bound}."
 
 
 def _set_start(self, frame: float) -> None:

@@ -99,6 +99,7 @@ ops.history(how="REMOVE", edit_id=root().f4x.history[-1].edit_id)
 noted["no sense"] = refused(ops.plan, sentence="make the square bark"); note("refused")
 ops.plan(sentence="make rex blue from frame 2"); note("planned")
 noted["descriptions"] = [row.description for row in root().f4x.readings]
+noted["not seen"] = [root().f4x.readings[0].line_at(frame) for frame in (1, 2, 3)]
 ops.drop_plan(); note("dropped")
 ops.plan(sentence="make rex blue from frame 2"); ops.apply_plan(); note("applied")
 go(1); note("before the span")
@@ -236,6 +237,7 @@ def test_what_is_shown_is_what_the_core_makes_of_the_stack(done, name, time):
 def test_a_sentence_is_previewed_dropped_and_applied(done):
     _, noted, arrays = done
     assert noted["descriptions"] and "blue from frame 2 (0.1 s) on" in noted["descriptions"][0]
+    assert noted["not seen"] == ["Not seen at frame 1: it changes something from frame 2 on.", "", ""]
     assert np.abs(arrays["planned/radiance:base"] - arrays["refused/radiance:base"]).max() > 0.1
     assert noted["planned"]["stack"] == noted["dropped"]["stack"] == noted["refused"]["stack"]
     np.testing.assert_array_equal(arrays["dropped/radiance:base"], arrays["refused/radiance:base"])
