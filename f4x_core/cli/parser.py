@@ -380,7 +380,7 @@ def _history(verbs: Verbs) -> None:
 
 
 def _undo_redo(verbs: Verbs) -> None:
-    """`undo` and `redo`."""
+    """Add the verbs `f4x undo` and `f4x redo`."""
     for name, description in (("undo", "Take back the last edits."), ("redo", "Bring back what was undone last.")):
         sub = add_verb(verbs, name, description)
         scene_option(sub)

@@ -155,7 +155,7 @@ def _frame_scores(scene: Scene, clip: Clip, index: int, figures: Figures, backen
 
 
 def frame_of(clip: Clip, index: int) -> tuple[Tensor, Tensor | None]:
-    """Frame `index` (H,W,3) in [0,1], and (H,W) float32 1 where it was seen; None where all of it was."""
+    """Return frame `index` (H,W,3) in [0,1], and (H,W) float32, 1 where it was seen; None in its place where all of it was."""
     seen = None if clip.hidden is None else torch.from_numpy(~clip.hidden[index]).float()
     return torch.from_numpy(clip.frames[index].astype(np.float32) / 255), seen
 
@@ -248,7 +248,7 @@ def registered_scores(
     baselines: bool = False,
     mask: np.ndarray | None = None,
 ) -> dict[str, float]:
-    """PSNR of held-out frame `index` at its registered camera, of the flow blend that knows it too, and what was measured.
+    """Return the PSNR of held-out frame `index` at its registered camera, that of the flow blend there, and how it was measured.
 
     `registered` is 1 where flow determines the camera; elsewhere the scene is drawn from the interpolated one, and the blend is
     the plain one. At an end of the clip, the blend is the only neighbour moved to the registered camera.
@@ -310,7 +310,7 @@ def baseline_scores(clip: Clip, index: int, held_out: set[int]) -> dict[str, flo
 def blend_by_flow(
     before: np.ndarray, after: np.ndarray, fraction: float, offset: np.ndarray | None = None
 ) -> np.ndarray:
-    """Picture (H,W,3) float32 in [0,1] at `fraction` of the way between two (H,W,3) uint8 frames, both warped along DIS flow.
+    """Return (H,W,3) float32 in [0,1]: two (H,W,3) uint8 frames warped along DIS flow to `fraction` of the way, and blended.
 
     `offset (H,W,2)`: pixels from where the picture shows a point to where the blend has it (`registration.halfway_offset`).
     """
@@ -336,7 +336,7 @@ def blend_by_flow(
 
 
 def path_error(estimated: CameraPath, truth: CameraPath) -> dict[str, float]:
-    """Absolute trajectory error after a similarity alignment: RMSE over the length of the true path, and in world units."""
+    """Return the absolute trajectory error after a similarity alignment: RMSE over the true path's length, and in world units."""
     from ..geometry.pose import align_similarity
 
     scale, rotation, translation = align_similarity(estimated.centers, truth.centers)

@@ -29,7 +29,7 @@ def lpips(image: np.ndarray, target: np.ndarray) -> float | None:
 
 
 def lpips_bytes(image: np.ndarray, target: np.ndarray) -> float | None:
-    """LPIPS of uint8 RGB pictures (H,W,3) as the NVIDIA protocol has it (DynamicNeRF, RoDynRF, MoSca); None as in `lpips`.
+    """Return the LPIPS of uint8 RGB pictures (H,W,3) by the NVIDIA protocol (DynamicNeRF, RoDynRF, MoSca); None as in `lpips`.
 
     Their code hands pictures to the network as OpenCV reads them, blue first; so does this, lest figures not compare.
     """
@@ -49,7 +49,7 @@ def masked_lpips(image: np.ndarray, target: np.ndarray, mask: np.ndarray) -> flo
 
 
 def lpips_missing() -> list[str]:
-    """Why LPIPS can't run on this machine, in one sentence; empty where it can."""
+    """Return the sentence that says why LPIPS can't run on this machine; an empty list where it can."""
     network = _load(spatial=False)
     return [network] if isinstance(network, str) else []
 

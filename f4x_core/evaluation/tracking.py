@@ -35,7 +35,7 @@ def track_pixels(scene: Scene, frame: int, pixels: np.ndarray, targets: list[int
 
 
 def _composited(here, there, chosen, camera, pixels, backend) -> np.ndarray:
-    """Composited positions and alpha (Q,4) at `pixels` of the chosen Gaussians."""
+    """Composite positions and alpha of the chosen Gaussians, and return them (Q,4) at `pixels`."""
     if not chosen.any():
         return np.zeros((len(pixels), 4))
     out = rasterize(here.take(chosen), there[chosen], camera, backend=backend)
@@ -56,7 +56,7 @@ def _bilinear(maps: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def joint_accuracy(scene: Scene, annotation: dict, areas: dict[int, float], backend: str = "auto") -> dict[str, float]:
-    """PCK@0.2 sqrt(area) of hand-set joints: every joint is followed from the first frame that shows it.
+    """Return the PCK@0.2 sqrt(area) of hand-set joints, each followed from the first frame that shows it.
 
     Args:
         annotation: `{"size": [W,H], "frames": [{"frame": i, "joints": {name: [x, y]}}]}`, pixels of that size.
@@ -91,7 +91,7 @@ def joint_accuracy(scene: Scene, annotation: dict, areas: dict[int, float], back
 def keypoint_accuracy(
     scene: Scene, keypoints: dict[int, np.ndarray], ratio: float = 0.05, backend: str = "auto"
 ) -> dict[str, float]:
-    """DyCheck's PCK: keypoints are carried from every annotated frame to every one, and land within `ratio` of the longer side.
+    """Return DyCheck's PCK: the keypoints carried from each annotated frame to each that land within `ratio` of the longer side.
 
     Means over pairs of frames (a frame with itself is one, as in DyCheck's own evaluation) of the fraction of points that both
     show; NaN if no two frames show the same point.

@@ -65,7 +65,7 @@ def rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross product over the last axis, `(..., 3)` with broadcasting (the two libraries disagree on theirs)."""
+    """Return the cross product over the last axis, `(..., 3)` with broadcasting (the two libraries disagree on theirs)."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return namespace(a, b).stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

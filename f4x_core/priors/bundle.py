@@ -74,7 +74,7 @@ class Observations:
         return Observations(self.frame[chosen], self.point[chosen], self.uv[chosen], self.weight[chosen])
 
     def followed_by(self, other: Observations, first: int) -> Observations:
-        """These sightings, then those of `other`, whose points are numbered from `first` on."""
+        """Return these sightings, then those of `other`, whose points are numbered from `first` on."""
         return Observations(
             np.concatenate([self.frame, other.frame]),
             np.concatenate([self.point, other.point + first]),
@@ -158,7 +158,7 @@ class Bundle:
         return replace(self, focal=found.focal, rotation=rotation, center=center, zoom=zoom)
 
     def local(self, observations: Observations) -> np.ndarray:
-        """Observed points in the axes of their camera, `(O, 3)`."""
+        """Return the observed points in the axes of their cameras, `(O, 3)`."""
         offset = self.points[observations.point] - self.center[observations.frame]
         return np.einsum("oij,oj->oi", self.rotation[observations.frame], offset)
 
@@ -319,7 +319,7 @@ def resect(
 
 
 def _incidence(index: np.ndarray, count: int) -> csr_matrix:
-    """Sparse `(count, O)` matrix that adds up the rows with equal index."""
+    """Return the sparse `(count, O)` matrix that adds up the rows with equal index."""
     order = np.arange(len(index))
     return csr_matrix((np.ones(len(index)), (index, order)), shape=(count, len(index)))
 
@@ -359,7 +359,7 @@ class _Problem:
         return cls(bundle.focal, zoom, bundle.principal, bundle.rotation, center, points, np.zeros(3), 1.0)
 
     def bundle(self, origin: np.ndarray, unit: float, zooms: bool) -> Bundle:
-        """Back in the world that `of` was given, with its `origin` and `unit`; `zooms`: whether the lens does."""
+        """Return the solution in the world that `of` was given, with its `origin` and `unit`; `zooms`: with the zooms."""
 
         def outside(xyz: np.ndarray) -> np.ndarray:
             return origin + unit * (self.origin + self.unit * xyz)
@@ -403,8 +403,8 @@ class _Problem:
         return self.rotation[frame] @ (points[:, :3] - points[:, 3:] * self.center[frame]).T
 
     def moved(self, cameras: np.ndarray, focal: float, points: np.ndarray, config: BundleConfig) -> _Problem:
-        """After a step of the cameras `(F, 6)`, or `(F, 7)` with the logarithm of their zoom, of the logarithm of the focal
-        length, and of the points `(P, 3)`."""
+        """Return the problem after a step of the cameras `(F, 6)`, or `(F, 7)` with the logarithm of their zoom, of the logarithm
+        of the focal length, and of the points `(P, 3)`."""
         turn = quaternion.to_matrix(quaternion.from_rotation_vector(cameras[:, :3]))
         stepped = self.points + np.einsum("pij,pj->pi", self.tangents, points)
         farthest = np.linalg.norm(stepped[:, :3], axis=1) / MAX_POINT_DISTANCE
@@ -438,7 +438,7 @@ class _Problem:
 
 
 def _robust(squared: np.ndarray, config: BundleConfig) -> np.ndarray:
-    """Cauchy cost of squared errors, infinite ones as misses by `BEHIND_PX`."""
+    """Return the Cauchy cost of squared errors (px^2); infinite ones count as misses by `BEHIND_PX`."""
     scale = config.robust_px**2
     return scale * np.log1p(np.where(np.isfinite(squared), squared, BEHIND_PX**2) / scale)
 
@@ -581,7 +581,7 @@ class _Sums(NamedTuple):
 
     @classmethod
     def none(cls, frames: int, points: int, config: BundleConfig) -> _Sums:
-        """Zeros."""
+        """Return sums of zeros."""
         shapes = (frames, 7, 7), (frames, 7), (3, config.unknowns * frames + 1, points), (points, 3, 3), (points, 3)
         return cls(*map(np.zeros, shapes))
 
@@ -629,8 +629,8 @@ class _Group(NamedTuple):
     """Their sightings; frames and points are counted within the group."""
 
     def unknowns(self, each: int) -> np.ndarray:
-        """(each * frames + 1,) int, places of its cameras' unknowns, `each` per camera, and of the focal length of all, which is
-        counted from the end."""
+        """Return (each * frames + 1,) int: the places of its cameras' unknowns, `each` per camera, then that of the common focal
+        length, counted from the end."""
         return np.append(np.arange(each * self.run.start, each * self.run.stop), -1)
 
 
@@ -728,7 +728,7 @@ def _add_priors(problem: _Problem, config: BundleConfig, belief: float, equation
 
 
 def _solve(equations: _NormalEquations, damping: float, cameras: int) -> tuple[np.ndarray, float, np.ndarray]:
-    """Steps of the cameras `(F, 6)` or `(F, 7)`, the log focal length and the points `(P, 3)`; `cameras` is F."""
+    """Return the steps of the cameras `(F, 6)` or `(F, 7)`, the log focal length and the points `(P, 3)`; `cameras` is F."""
     camera, gradient, points, point_gradient, couplings = equations
     floor = 1e-9 * max(float(np.einsum("pii->pi", points).mean()), 1e-12)
     diagonal = np.einsum("pii->pi", points)
@@ -776,7 +776,7 @@ def _inverse_of_lower(lower: np.ndarray) -> np.ndarray:
 def from_matrices(
     world_to_camera: np.ndarray, focal: float, principal: np.ndarray, points: np.ndarray | None = None
 ) -> Bundle:
-    """Bundle of rigid matrices `(F, 4, 4)`."""
+    """Return the bundle of rigid matrices `(F, 4, 4)`."""
     q, center = pose.invert(*pose.from_matrix(world_to_camera))
     return Bundle(
         focal,

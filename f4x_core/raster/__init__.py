@@ -180,7 +180,7 @@ def _native() -> Any:
 
 
 def as_tensors(inputs: RasterInput) -> RasterInput:
-    """Numpy `inputs` as torch tensors; the camera's matrices, which are float64, in the dtype of the Gaussians."""
+    """Return numpy `inputs` as torch tensors; the camera's matrices, which are float64, take the dtype of the Gaussians."""
     import torch
 
     def tensor(array: Array | None, dtype: Any) -> Any:

@@ -17,7 +17,7 @@ SLACK_PIXELS, SLACK = 1.0, 1e-3
 
 
 def in_view(splats: Splats, camera: Camera, config: RasterConfig | None = None, margin: float = 0.0) -> np.ndarray:
-    """(N,) bool, false only where no backend draws anything of a Gaussian: behind the camera, or its ellipse off the picture.
+    """Return (N,) bool, False only where no backend draws anything of a Gaussian: behind the camera, or off the picture.
 
     Pictures without those are the same, bit for bit. The ellipse is taken to be as long everywhere as the longest axis may be
     seen, and opaque. `margin`: shares of the picture's width and height that the picture is larger on every side.

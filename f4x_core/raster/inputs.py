@@ -60,7 +60,7 @@ def _check_shapes(given: RasterInput, arrays: dict[str, Any]) -> None:
 
 
 def _floating(array: Any) -> Any:
-    """Whole numbers become float32; everything else stays what it is."""
+    """Return whole numbers as float32, and everything else as it is."""
     if isinstance(array, np.ndarray):
         return array if array.dtype.kind == "f" else array.astype(np.float32)
     return array if array is None or array.is_floating_point() else array.float()

@@ -98,7 +98,7 @@ def _tiles(splats: _Splats, width: int, drawn: slice) -> Iterator[tuple[slice, s
 
 
 def _project(inputs: RasterInput) -> tuple[_Splats, np.ndarray]:
-    """EWA projection as in `reference.project_ewa`: the visible splats front to back, and which those are (N,)."""
+    """Return the visible splats front to back, projected as in `reference.project_ewa`, and (N,) bool which those are."""
     config, width, height, offset = inputs.config, inputs.camera.width, inputs.camera.height, inputs.mean2d_offset
     shape = inputs.splats.map(lambda array: np.asarray(array, np.float64))
     means, quats, scales, opacities = shape.means, shape.quats, shape.scales, shape.opacities

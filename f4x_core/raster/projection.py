@@ -84,7 +84,7 @@ def cut(log_opacity: Tensor, alpha_min: float) -> Tensor:
 
 
 def _rotation(quats: Tensor) -> Tensor:
-    """R(q) as (3, 3, N) for quats (4, N) wxyz of any length, a zero quaternion counting as the identity.
+    """Return R(q) (3, 3, N) of quats (4, N) wxyz of any length; a zero quaternion counts as the identity.
 
     The component-major twin of `geometry.quaternion.to_matrix`: contiguous rows are several times faster here.
     """

@@ -72,7 +72,7 @@ def weigh_row(
     config: RasterConfig,
     seen: Tensor | None = None,
 ) -> Tensor:
-    """Blending weights (W, N) of N splats in the pixels of a row by the rules of 3DGS; 0 where one does not contribute.
+    """Return the blending weights (W, N) of N splats in the pixels of a row by the rules of 3DGS; 0 where one adds nothing.
 
     Args:
         pixel: (W, 2) centres of the pixels, px, float64.
@@ -93,7 +93,7 @@ def weigh_row(
 
 
 def project_ewa(splats: Splats, camera: Camera, config: RasterConfig) -> tuple[Tensor, Tensor, Tensor]:
-    """EWA projection (Zwicker et al. 2001, as in 3DGS): mean2d (N, 2) px, covariance (N, 2, 2) px^2, z (N,).
+    """Project by EWA (Zwicker et al. 2001, as in 3DGS); return mean2d (N, 2) px, covariance (N, 2, 2) px^2 and z (N,).
 
     Splats not in front of the near plane come out with z = 1: finite, and meant to be culled.
     """

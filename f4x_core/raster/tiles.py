@@ -89,7 +89,7 @@ class _Grid:
         return torch.stack((torch.ones_like(u), u, v, u * u, u * v, v * v))
 
     def centres(self, tile: Tensor, like: Tensor) -> tuple[Tensor, Tensor]:
-        """x and y of tile centres, pixels."""
+        """Return x and y of the centres of tiles, pixels."""
         y = torch.div(tile, self.columns, rounding_mode="floor")
         x = tile - y * self.columns
         return (x.to(like) + 0.5) * self.side, ((y + self.first_row).to(like) + 0.5) * self.side
@@ -102,7 +102,7 @@ class _Grid:
         return image[:, : self.height, : self.width]
 
     def to_tiles(self, image: Tensor, out: Tensor) -> None:
-        """(C, H, W) -> out (tiles, C, pixels), 0 outside the image."""
+        """Write an image (C, H, W) into `out` (tiles, C, pixels), with 0 outside it."""
         image = pad(image, (0, self.columns * self.side - self.width, 0, self.rows * self.side - self.height))
         cut = image.view(-1, self.rows, self.side, self.columns, self.side).permute(1, 3, 0, 2, 4)
         out.view(self.rows, self.columns, -1, self.side, self.side).copy_(cut)
@@ -115,7 +115,7 @@ class _Scratch(threading.local):
         self._flat: dict[tuple, Tensor] = {}
 
     def __call__(self, name: str, like: Tensor, *shape: int) -> Tensor:
-        """Uninitialised tensor of `shape`, of the type of `like`; valid until the name is asked for again."""
+        """Return an uninitialised tensor of `shape` and of the type of `like`, valid until the name is asked for again."""
         key, size = (name, like.dtype, like.device), math.prod(shape)
         flat = self._flat.get(key)
         if flat is None or len(flat) < size:

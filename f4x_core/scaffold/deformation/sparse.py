@@ -46,7 +46,7 @@ class SparseRows:
     """The fixed sparsity of an `(N, P)` matrix with K entries per row, and of its transpose."""
 
     def __init__(self, index: np.ndarray, columns: int, device: torch.device | str = "cpu"):
-        """`index (N, K)` are the columns of each row's entries; the same column may occur twice in a row."""
+        """Take `index (N, K)` as the columns of each row's entries; the same column may occur twice in a row."""
         rows, slots = index.shape
         flat = index.reshape(-1)
         order = np.argsort(flat, kind="stable")

@@ -143,7 +143,7 @@ class NativeDeformer:
     """Moves Gaussians with the scaffold like `Deformer`, skinning included; strength is 1."""
 
     def __init__(self, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int):
-        """`mask (N, K)` bool are the valid neighbours of the Gaussians of `deformer`."""
+        """Prepare the Gaussians of `deformer` for the kernel; `mask (N, K)` bool: their valid neighbours."""
         self.skinning = SkinningData.of(deformer, mask, kernel, threads)
         self.times = deformer.times
         self._knots = {float(time): place for place, time in enumerate(self.times)}
