@@ -26,6 +26,8 @@ SOURCE = "f4x_source"
 """Property of the root of a sequence of splat files: its first file. A scene's root has `f4x_path` instead."""
 VIEW_TRANSFORM = "Standard"
 """The core's picture is display-referred: Standard undoes the linear light of the pass and changes nothing else."""
+LEFT = "Left as they are: "
+"""Beginning of the sentence about settings that an import has left."""
 DEFAULT_OBJECTS = {"Cube", "Light", "Camera"}
 """Objects of Blender's default file."""
 SAME_RATE = 1e-4
@@ -140,7 +142,7 @@ def left_as_is(target: bpy.types.Scene, camera: bpy.types.Object) -> str:
         left.append(f"camera {target.camera.name!r}" if target.camera else "no camera")
     if transform != VIEW_TRANSFORM:
         left.append(f"view transform {transform}")
-    return f"Left as they are: {', '.join(left)}; Set Up Render takes the clip's" if left else ""
+    return f"{LEFT}{', '.join(left)}; Set Up Render takes the clip's" if left else ""
 
 
 def _timing_at_its_rate(target: bpy.types.Scene, camera: bpy.types.Object) -> Timing:

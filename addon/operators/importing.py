@@ -14,7 +14,7 @@ from ..common.point_cloud import select_only
 from ..common.wording import Reporting
 from ..io.clip_background import doubt, show_clip
 from ..io.import_scene import NOTES, import_scene
-from ..io.render_setup import SOURCE, ClipSettings, clip_camera, is_under_way, left_as_is, set_up, was_set_up
+from ..io.render_setup import LEFT, SOURCE, ClipSettings, clip_camera, is_under_way, left_as_is, set_up, was_set_up
 from ..render import viewport
 from ..render.occluders import hide_occluders
 from ..scene import clip_time, packing
@@ -27,6 +27,8 @@ PASSING = {"HIDDEN", "SKIP_SAVE"}
 REFIT = "Tasks > Refit lets Cycles and EEVEE draw this scene like the clip; the engine Feature4X does so already."
 """The sidebar's sentence on a scene that was fitted for other blending than Blender's own."""
 _told_of_refit = False
+NEAR = 0.5
+"""World units, median depths of a clip, between the origins of two scenes that lie within each other."""
 SCENE_FILES = "*.f4x;*.ply;*.splat;*.spz;*.glb;*.gltf"
 """Files that browsers show."""
 
@@ -99,10 +101,11 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
             _warn_of_clip(self, root)
         select_only(root)
         lines = self._show_set_up(context, root) if takes_over else []
-        if not takes_over and (line := left_as_is(context.scene, clip_camera(root))):
-            root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)
+        if not takes_over:
+            _notice(root, left_as_is(context.scene, clip_camera(root)))
         _tell_of_refit(root)
-        if self.show:
+        if self.show:  # a job puts what it has made beside the others
+            _notice(root, _others_there(root, context.scene))
             moves = takes_over and PATH in root and SceneObject(root).holds_edits
             viewport.show(root, context.scene.camera if moves else None, stay=not takes_over)
         if root.f4x.speed != 1:
@@ -142,7 +145,31 @@ def _tell_of_refit(root: bpy.types.Object) -> None:
         return
     if not is_refitted(SceneObject(root).base):
         _told_of_refit = True
-        root.f4x.notice = "\n".join(part for part in (root.f4x.notice, REFIT) if part)
+        _notice(root, REFIT)
+
+
+def _notice(root: bpy.types.Object, line: str) -> None:
+    """Add a line to those that the sidebar shows of a scene; an empty one adds nothing."""
+    root.f4x.notice = "\n".join(part for part in (root.f4x.notice, line) if part)
+
+
+def _others_there(root: bpy.types.Object, scene: bpy.types.Scene) -> str:
+    """Return a sentence where another file's scene is seen in the same place as that of `root`; else an empty string."""
+    others = [
+        item
+        for item in scene.objects
+        if PATH in item
+        and item.get(PATH) != root.get(PATH)
+        and any(not cloud.hide_get() for cloud in SceneObject(item).clouds)
+    ]
+    near = [
+        item.name for item in others if (item.matrix_world.translation - root.matrix_world.translation).length < NEAR
+    ]
+    return (
+        f"It lies in the same place as {near[0]}: move it, the empty {root.name}, or hide one of the two."
+        if near
+        else ""
+    )
 
 
 def _own_pace(root: bpy.types.Object, scene: bpy.types.Scene) -> str:
@@ -190,10 +217,9 @@ class F4X_OT_set_up_render(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def act(self, context, scene_object):
         """Take over the settings, and name them."""
-        left = left_as_is(context.scene, clip_camera(scene_object.root))
         set_up(context.scene, clip_camera(scene_object.root))
         lines = scene_object.state.notice.splitlines()
-        scene_object.state.notice = "\n".join(each for each in lines if each != left)
+        scene_object.state.notice = "\n".join(line for line in lines if not line.startswith(LEFT))
         viewport.use_engine(context.scene)
         self.report({"INFO"}, was_set_up(clip_camera(scene_object.root)))
 

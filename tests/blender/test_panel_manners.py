@@ -287,6 +287,26 @@ ops.set_up_render(); noted["set up"] = settings()
     assert noted["set up"] == [0, 5, 0, 0, 1, 24]
 
 
+def test_a_second_scene_says_where_it_lies_and_what_it_left_until_that_is_over(folder):
+    (folder / "other.f4x").write_bytes((folder / "scene.f4x").read_bytes())
+    script = """
+first = root()
+bpy.context.scene.frame_end = 99
+ops.import_scene(filepath=str(folder / "scene.f4x")); noted["the same once more"] = root().f4x.notice
+ops.import_scene(filepath=str(folder / "other.f4x")); noted["another"] = root().f4x.notice
+root().f4x.start_frame = 10  # the frames that it would take are other ones by now
+ops.set_up_render(); noted["set up"] = root().f4x.notice
+for item in SceneObject.among(bpy.context.scene.objects):
+    item.root.location.x += 5 * (item.root != root())
+ops.import_scene(filepath=str(folder / "scene.f4x")); noted["beside"] = root().f4x.notice
+"""
+    noted, _ = perform(folder, START + script)
+    where = "It lies in the same place as labelled: move it, the empty other, or hide one of the two."
+    assert noted["another"].splitlines()[-1] == noted["set up"] == where
+    assert noted["another"].startswith("Left as they are: frames 0-99 (clip: 0-5)")
+    assert "same place" not in noted["the same once more"] and "as other" in noted["beside"]
+
+
 def test_blender_with_splats_is_told_of_the_refit_once(folder):
     script = """
 import importlib
