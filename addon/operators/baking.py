@@ -17,7 +17,7 @@ from ..io.import_scene import import_scene
 from ..io.render_setup import clip_camera
 from ..jobs import runner
 from ..scene import cache, clip_time
-from ..scene.scene_object import SceneObject
+from ..scene.scene_object import SceneObject, object_of
 from .base import SceneOperator
 from .exporting import stack_as_seen
 
@@ -55,7 +55,7 @@ class F4X_OT_bake_edits(SceneOperator, bpy.types.Operator, ExportHelper):  # noq
         uid, show = scene_object.root.session_uid, self.show
 
         def done(result: dict[str, Any]) -> None:
-            root = next((item for item in bpy.data.objects if item.session_uid == uid), None)
+            root = object_of(uid)
             if show and root is not None:
                 _show_instead(root, output)
 

@@ -34,7 +34,7 @@ from ..render.evaluated import OF
 from ..rig.repair import add_pairs
 from ..rig.scaffold import NODES, all_nodes
 from ..scene import cache
-from ..scene.scene_object import SceneObject
+from ..scene.scene_object import SceneObject, object_of
 from .base import SceneOperator, Section
 
 TITLE = "Mesh of"
@@ -132,7 +132,7 @@ def _start(scene_object: SceneObject, ids: np.ndarray, time: float | None, confi
     edits = cache.text_of(scene_object.stack)
 
     def done(result: dict[str, Any]) -> None:
-        root = next((item for item in bpy.data.objects if item.session_uid == uid), None)
+        root = object_of(uid)
         if root is None:
             raise F4xError("The scene that the mesh belongs to is no longer there; make it again.")
         item = add_mesh(root, scene, SplatMesh.read(made), len(ids))

@@ -16,7 +16,7 @@ from ...f4x_core.errors import Cancelled, F4xError
 from ...f4x_core.progress import Progress
 from ...f4x_core.troubles import EXPECTED
 from ..common.wording import Reporting
-from ..scene.scene_object import EDITS, PREVIEW, SceneObject
+from ..scene.scene_object import EDITS, PREVIEW, SceneObject, object_of
 from .base import SceneOperator
 
 LOOK = 0.1
@@ -132,7 +132,7 @@ class SearchOperator(SceneOperator):
         if search.stopped:
             return {"CANCELLED"}
         uid, *edits = self._asked
-        root = next((item for item in bpy.data.objects if item.session_uid == uid), None)
+        root = object_of(uid)
         if root is None or _edits_of(root) != edits:
             raise F4xError("The scene was changed during the search; start it again.")
         if search.error is not None:

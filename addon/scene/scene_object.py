@@ -422,6 +422,11 @@ class SceneObject:
         return path
 
 
+def object_of(uid: int) -> bpy.types.Object | None:
+    """Return the object with a session_uid; None where it is gone, as after a job that took long."""
+    return next((item for item in bpy.data.objects if item.session_uid == uid), None)
+
+
 def why_not(item: bpy.types.Object | None) -> str:
     """Return the reason why an operator cannot work on the scene of `item`; empty where it can."""
     found = SceneObject.of(item)
