@@ -4,6 +4,7 @@ The .blend stores nothing about jobs. Closing Blender or disabling the extension
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
@@ -13,6 +14,7 @@ import bpy
 from ...f4x_core.edit.scene_task import SceneTask
 from ...f4x_core.errors import F4xError
 from ..common.lines import draw_lines
+from ..common.waiting import waiting
 from ..common.wording import Reporting, panel_words
 from . import worker
 from .worker import Job, own_command
@@ -78,13 +80,9 @@ def start_task(
 
 def tick() -> float | None:
     """Poll every job once. Returns the seconds until the next poll, None if no job runs."""
-    windows = bpy.context.window_manager.windows
-    for window in windows if (busy := any(job.arrived and job.state == worker.RUNNING for job in _jobs)) else ():
-        window.cursor_set("WAIT")
-    running = [job for job in _jobs if job.poll()]
-    for window in windows:
-        if busy:
-            window.cursor_set("DEFAULT")
+    with waiting() if any(job.arrived and job.state == worker.RUNNING for job in _jobs) else nullcontext():
+        running = [job for job in _jobs if job.poll()]
+    for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type in _AREAS:
                 area.tag_redraw()

@@ -11,6 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 from ...f4x_core.scene.linear import is_refitted
 from ..common.gaussian_attributes import draws_splats
 from ..common.point_cloud import select_only
+from ..common.waiting import waiting
 from ..common.wording import Reporting
 from ..io.clip_background import doubt, show_clip
 from ..io.import_scene import NOTES, import_scene
@@ -90,13 +91,14 @@ class F4X_OT_import_scene(Reporting, bpy.types.Operator, ImportHelper):  # noqa:
         """Import the chosen file."""
         clip = Path(bpy.path.abspath(self.clip)) if self.clip else None
         takes_over = self._takes_over(context)
-        root = import_scene(
-            Path(self.filepath or self.directory),
-            set_up_render=takes_over,
-            clip=clip,
-            sequence=self.sequence,
-            step=self.step,
-        )
+        with waiting():  # seconds, for large files
+            root = import_scene(
+                Path(self.filepath or self.directory),
+                set_up_render=takes_over,
+                clip=clip,
+                sequence=self.sequence,
+                step=self.step,
+            )
         if clip is not None:
             _warn_of_clip(self, root)
         select_only(root)

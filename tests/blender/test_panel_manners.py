@@ -287,6 +287,20 @@ ops.set_up_render(); noted["set up"] = settings()
     assert noted["set up"] == [0, 5, 0, 0, 1, 24]
 
 
+def test_an_import_shows_the_cursor_of_waiting_and_gives_it_back(folder):
+    script = """
+from types import SimpleNamespace as Fake
+from feature4x.addon.common import waiting
+cursors = []
+window = Fake(cursor_modal_set=cursors.append, cursor_modal_restore=lambda: cursors.append("back"))
+waiting.bpy = Fake(context=Fake(window_manager=Fake(windows=[window])))
+ops.import_scene(filepath=str(folder / "scene.f4x")); noted["done"] = list(cursors)
+cursors.clear()
+refused(ops.import_scene, filepath=str(folder / "absent.f4x")); noted["refused"] = list(cursors)
+"""
+    assert perform(folder, START + script)[0] == {"done": ["WAIT", "back"], "refused": ["WAIT", "back"]}
+
+
 def test_a_second_scene_says_where_it_lies_and_what_it_left_until_that_is_over(folder):
     (folder / "other.f4x").write_bytes((folder / "scene.f4x").read_bytes())
     script = """
