@@ -38,7 +38,7 @@ PLAIN_FILE = 0o100644 << 16
 
 
 def builder() -> Path:
-    """Blender's own program that builds and validates extensions, in the bpy package."""
+    """Return Blender's own program that builds and validates extensions, in the bpy package."""
     spec = importlib.util.find_spec("bpy")
     folder = Path(spec.origin).parent if spec is not None and spec.origin else ROOT
     found = sorted(folder.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py"))
@@ -81,7 +81,7 @@ def reproducible(path: Path) -> None:
 
 
 def main() -> None:
-    """Stage, build, validate; the last line on standard output is JSON."""
+    """Stage, build and validate the extension; the last line on standard output is JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("."), help="folder of the zip (default: here)")
     parser.add_argument("--target", help="for this platform alone, such as linux-x86_64; its library has to be built")

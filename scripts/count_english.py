@@ -26,7 +26,7 @@ print(len({id(phrase) for table in tables for row in table.rows.values() for phr
 
 
 def sentence_lines(file: Path) -> int:
-    """Lines of the methods `sentences` and of the functions beside classes."""
+    """Return the number of lines of the methods `sentences` and of the functions beside classes."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]

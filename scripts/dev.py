@@ -52,12 +52,12 @@ VERBS = {
 
 
 def venv_python() -> Path:
-    """The interpreter inside `.venv`."""
+    """Return the interpreter inside `.venv`."""
     return VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 
 def find_python(version: tuple[int, int]) -> str | None:
-    """An interpreter of a version: the running one, one on the path, or one of pyenv; None where none runs."""
+    """Return an interpreter of a version: the running one, one on the path, or one of pyenv; None where none runs."""
     if sys.version_info[:2] == version:
         return sys.executable
     name = "python{}.{}".format(*version)
@@ -69,7 +69,7 @@ def find_python(version: tuple[int, int]) -> str | None:
 
 
 def base_python() -> str:
-    """A Python for creating the environment: the running one if it is of `PYTHONS`, else the first of them that is there."""
+    """Return a Python for creating the environment: the running one if it is of `PYTHONS`, else the first of them that is there."""
     wanted = sorted(PYTHONS, key=lambda version: version != sys.version_info[:2])
     found = next(filter(None, map(find_python, wanted)), None)
     if found is None:
@@ -118,14 +118,14 @@ def run(command: list[str]) -> int:
 
 
 def test(arguments: list[str]) -> int:
-    """The everyday tests side by side; with arguments of pytest (`-m real` for the real clips) those alone, one after the other."""
+    """Run the everyday tests side by side, or what arguments of pytest name (`-m real`: the real clips) one after the other."""
     # They start some hundred processes, each of which would compile the same modules again where bytecode is not written.
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     return run(["-m", "pytest", *(arguments or (*EVERYDAY, *SIDE_BY_SIDE))])
 
 
 def coverage() -> int:
-    """Lines of the core that the everyday tests run."""
+    """Run the everyday tests, and print which lines of the core they reach."""
     return run(["-m", "coverage", "run", "-m", "pytest", *EVERYDAY]) or run(
         ["-m", "coverage", "report", "--skip-covered"]
     )
@@ -155,7 +155,7 @@ def extension(arguments: list[str]) -> int:
 
 
 def docs() -> int:
-    """The site, by mkdocs; a link or anchor that leads nowhere fails it, and so does a module whose docstrings cannot be read."""
+    """Build the site by mkdocs; fail for a link or anchor that leads nowhere, and for a module whose docstrings cannot be read."""
     code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", *SITE])
     code = code or run([str(ROOT / "scripts" / "site_pages.py"), str(ROOT / "build" / "site_pages")])
     os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")  # the theme's advertisement of its successor
@@ -167,7 +167,7 @@ def docs() -> int:
 
 
 def release(arguments: list[str]) -> int:
-    """Everything that a release gives away, and then its installation in a new environment and a real Blender."""
+    """Make everything that a release gives away, and try its installation in a new environment and a real Blender."""
     code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZIG])
     code = code or run(["-m", "scripts.release", *arguments])
     if code or "--help" in arguments or "-h" in arguments:
@@ -185,13 +185,13 @@ def mutants(rooms: list[str]) -> int:
 
 
 def blender_root() -> str:
-    """Folder of the system with a real Blender; tests find it by the variable F4X_BLENDER_ROOT."""
+    """Return the folder of the system with a real Blender; tests find it by the variable F4X_BLENDER_ROOT."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return os.environ.setdefault("F4X_BLENDER_ROOT", str(cache / "feature4x" / "blender"))
 
 
 def blender(arguments: list[str]) -> int:
-    """The tests in a real Blender, in the system of F4X_BLENDER_ROOT or one that is kept for this user."""
+    """Run the tests in a real Blender, in the system of F4X_BLENDER_ROOT or one that is kept for this user."""
     from real_blender import UnavailableError, prepare  # not at the top: only Debian's and Ubuntu's root gets far
 
     root = blender_root()
@@ -205,7 +205,7 @@ def blender(arguments: list[str]) -> int:
 
 
 def blender_53(arguments: list[str]) -> int:
-    """The Blender tests with the module of Blender 5.3."""
+    """Run the Blender tests with the module of Blender 5.3."""
     python = find_python(PYTHONS[1])
     if python is None:
         line = "SKIPPED: Blender 5.3 was not tested, because there is no Python 3.13."
@@ -217,7 +217,7 @@ def blender_53(arguments: list[str]) -> int:
 
 
 def elsewhere(arguments: list[str]) -> int:
-    """The core on other platforms, whose library the package ziglang compiles."""
+    """Test the core on other platforms, whose library the package ziglang compiles."""
     code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZIG])
     return code or run([str(ROOT / "scripts" / "elsewhere.py"), *arguments])
 

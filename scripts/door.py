@@ -34,7 +34,7 @@ def load_extension() -> ModuleType:
 
 
 def arguments() -> list[str]:
-    """The arguments meant for the script: what follows `--` in Blender, all of them in plain Python.
+    """Return the arguments meant for the script: what follows `--` in Blender, all of them in plain Python.
 
     Raises:
         F4xError: Blender without `--`.
@@ -49,7 +49,7 @@ def arguments() -> list[str]:
 
 
 def scene(text: str) -> Path:
-    """The scene that a person gave; the folder of a fit means the scene in it."""
+    """Return the path of the scene that a person gave; the folder of a fit means the scene in it."""
     inside = Path(text) / "scene.f4x"
     return inside if inside.is_file() else Path(text)
 
@@ -169,7 +169,7 @@ def save_blend(out: Path, size: int) -> None:
 
 
 def refusal(folder: Path, size: int) -> OSError | None:
-    """Why `folder` cannot take a file of `size` bytes, else None. Blender reports a full disk as a missing file."""
+    """Return the error of writing a file of `size` bytes into `folder`; None where it works. Blender reports a full disk as a missing file."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(bytes(size))
@@ -180,7 +180,7 @@ def refusal(folder: Path, size: int) -> OSError | None:
 
 
 def frame_range(text: str | None, first: int, last: int) -> range:
-    """Frames `A:B:S` (end left out) of those from `first` to `last`; all without `text`. F4xError for none, or outside."""
+    """Return the frames `A:B:S` (end left out) of those from `first` to `last`; all without `text`. F4xError for none, or outside."""
     from feature4x.f4x_core.errors import F4xError
 
     if text is None:

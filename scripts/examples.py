@@ -48,7 +48,7 @@ def run_in(folder: Path, *command: str) -> None:
 
 
 def finish(demo: Path, scene: Path) -> None:
-    """From the folder of a demo: the scene, and beside it its page, picture and Blender file."""
+    """Write the scene of a demo's folder, and beside it its page, picture and Blender file."""
     named = replace(read_scene(demo / "scene.f4x"), name=scene.stem)  # the demo calls every clip "clip"
     write_scene(named, scene)
     write_page(named, scene.with_suffix(".html"))

@@ -125,7 +125,7 @@ def choose_camera(scene, wanted: str | None, frames: range) -> None:
 
 
 def around(scene, frames: range):
-    """A camera that goes SWEEP degrees around the scene, looking at its middle."""
+    """Return a camera that goes SWEEP degrees around the scene, looking at its middle."""
     import bpy
     import numpy as np
     from feature4x.addon.render import evaluated
@@ -154,7 +154,7 @@ def around(scene, frames: range):
 
 
 def along(scene, path: Path, frames: range):
-    """A camera that follows a camera path file (OpenCV axes, Blender's world), its times being Blender's frames."""
+    """Return a camera that follows a camera path file (OpenCV axes, Blender's world), its times being Blender's frames."""
     import bpy
     import numpy as np
     from feature4x.addon.common.animation import write_action

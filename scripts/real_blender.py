@@ -73,12 +73,12 @@ class Profile:
         return {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8"} | home
 
     def command(self, *words: object) -> list[str]:
-        """A command that runs in the system."""
+        """Return a command that runs in the system."""
         return ["chroot", str(self.root), *map(str, words)]
 
     @contextmanager
     def screen(self, size: tuple[int, int], log: IO) -> Iterator[Callable[..., subprocess.Popen]]:
-        """A screen of its own. What it yields starts a program of the system there; all of them end with the block."""
+        """Open a screen; yield a function that starts a program of the system there. All of them end with the `with` block."""
         environment = self.environment | {"DISPLAY": self.display}
         children: list[subprocess.Popen] = []
 
@@ -123,7 +123,7 @@ class Profile:
 
 @contextmanager
 def clean_profile(root: Path) -> Iterator[Profile]:
-    """A new profile in the system's /tmp, gone when the block ends."""
+    """Make a new profile in the system's /tmp, which is gone when the `with` block ends."""
     root = root.resolve()
     with tempfile.TemporaryDirectory(dir=root / "tmp", ignore_cleanup_errors=True) as folder:
         yield Profile(root, Path(folder))
@@ -230,7 +230,7 @@ def require_debootstrap() -> None:
 
 
 def _sources() -> Iterator[str]:
-    """URLs that this machine's apt is set up with, in both of its formats."""
+    """Yield the URLs that this machine's apt is set up with, in both of its formats."""
     for file in [SOURCES / "sources.list", *sorted(SOURCES.glob("sources.list.d/*"))]:
         if not file.is_file() or file.suffix not in (".list", ".sources"):
             continue
@@ -240,7 +240,7 @@ def _sources() -> Iterator[str]:
 
 
 def find_mirror(suite: str) -> str:
-    """The first of apt's own sources that has this suite of Debian, else Debian's; UnavailableError where none answers."""
+    """Return the first of apt's own sources that has this suite of Debian, else Debian's; UnavailableError where none answers."""
     tried = list(dict.fromkeys([*(url.rstrip("/") for url in _sources()), MIRROR]))
     for url in tried:
         try:

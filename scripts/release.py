@@ -74,7 +74,7 @@ def section_of(changelog: str, version: str) -> str:
 
 
 def repeated_versions(tree: Path) -> dict[str, str]:
-    """File -> version, for the files that have to repeat `f4x_core.versions.VERSION`."""
+    """Return file -> version, for the files that have to repeat `f4x_core.versions.VERSION`."""
     manifest = tomllib.loads((tree / "blender_manifest.toml").read_text(encoding="utf-8"))
     citation = re.search(r"^version: (\S+)$", (tree / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
     return {"blender_manifest.toml": manifest["version"], "CITATION.cff": citation[1] if citation else "none"}
@@ -92,7 +92,7 @@ def require_consistent(tree: Path) -> None:
 
 
 def export(release: Release) -> None:
-    """The source archive, and its files in the release's tree."""
+    """Write the source archive, and unpack it into the release's tree."""
     name = f"feature4x-blender-{VERSION}"
     packed = subprocess.run(
         ["git", "-c", "tar.umask=0022", "archive", f"--prefix={name}/", "HEAD"],
@@ -107,14 +107,14 @@ def export(release: Release) -> None:
 
 
 def make_wheels(release: Release) -> None:
-    """A wheel for each platform."""
+    """Make a wheel for each platform."""
     options = ("--no-deps", "--no-build-isolation", "--disable-pip-version-check", "-w", str(release.output))
     for target in TARGETS:
         release.run("-m", "pip", "wheel", *options, str(release.tree), F4X_WHEEL_TARGET=target)
 
 
 def make_extensions(release: Release) -> None:
-    """A zip for each platform with the index of a repository, and one for all of them, which Blender's rules keep apart."""
+    """Make a zip for each platform with the index of a repository, and one for all, which Blender's rules keep apart."""
     script = str(release.tree / "scripts" / "build_extension.py")
     folder = release.output / REPOSITORY
     for target in TARGETS:
@@ -141,7 +141,7 @@ def copy_examples(made: Path, output: Path) -> None:
 
 
 def write_sums(output: Path) -> None:
-    """SHA256SUMS of all files, as `sha256sum -c` reads it."""
+    """Write SHA256SUMS of all files, as `sha256sum -c` reads it."""
     files = sorted(file for file in output.rglob("*") if file.is_file() and file.name != SUMS)
     lines = [
         f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(output).as_posix()}" for file in files

@@ -216,7 +216,7 @@ def exercise_with_torch() -> None:
 
 
 def _view(rng: np.random.Generator, count: int, channels: int, size: tuple[int, int], threads: int) -> RasterInput:
-    """Random Gaussians, some of them broken: behind the camera, of no size, huge, not a number."""
+    """Return random Gaussians, some of them broken: behind the camera, of no size, huge, not a number."""
     width, height = size
     splats = Splats(
         means=rng.normal([0, 0, 2], 1, (count, 3)),

@@ -32,17 +32,17 @@ A scene that came out poor is no error: open its `diagnostics.html`, and see [wh
 
 
 def troubleshooting() -> str:
-    """The page of all codes."""
+    """Return the page of all codes."""
     return HEAD + "".join(f"| `{each.code}` | {each.cause} | {linked(each.cure)} |\n" for each in TROUBLES)
 
 
 def linked(text: str) -> str:
-    """Names of documents as links to them."""
+    """Return the text with the names of documents as links to them."""
     return re.sub(r"docs/((\w+)\.md)", r"[\2](\1)", text)
 
 
 def sentences_of(tree: ast.AST) -> list[str]:
-    """Sentences of the errors that are raised below `tree`, an ellipsis for what is filled in."""
+    """Return the sentences of the errors that are raised below `tree`, an ellipsis for what is filled in."""
     raised = (node.exc for node in ast.walk(tree) if isinstance(node, ast.Raise))
     calls = [call for call in raised if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.args]
     found = [text_of(call.args[0]) for call in calls if call.func.id in ERRORS]  # type: ignore[attr-defined]
@@ -50,7 +50,7 @@ def sentences_of(tree: ast.AST) -> list[str]:
 
 
 def text_of(node: ast.expr) -> str:
-    """Text of a string, formatted string or sum of them; an ellipsis for everything else."""
+    """Return the text of a string, formatted string or sum of them; an ellipsis for everything else."""
     if isinstance(node, ast.Constant):
         return str(node.value)
     if isinstance(node, ast.JoinedStr):
@@ -61,7 +61,7 @@ def text_of(node: ast.expr) -> str:
 
 
 def every_sentence() -> str:
-    """A page with each sentence under its code, to be found by the words of a message."""
+    """Return a page with each sentence under its code, to be found by the words of a message."""
     by_code: dict[str, set[str]] = {}
     for folder in ("f4x_core", "addon", "ground_truth"):
         for file in (ROOT / folder).rglob("*.py"):
@@ -75,12 +75,12 @@ def every_sentence() -> str:
 
 
 def module_of(file: Path) -> str:
-    """Dotted name of a file of the repository."""
+    """Return the dotted name of a file of the repository."""
     return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
 def api_pages() -> dict[str, str]:
-    """Page -> text, for the public API and every room of the core; mkdocstrings fills them from the docstrings."""
+    """Return page -> text, for the public API and every room of the core; mkdocstrings fills them from the docstrings."""
     modules = sorted(module_of(file) for file in (ROOT / "f4x_core").rglob("*.py") if file.name != "__main__.py")
     pages: dict[str, list[str]] = {}
     for module in modules:
