@@ -169,7 +169,7 @@ def save_blend(out: Path, size: int) -> None:
 
 
 def refusal(folder: Path, size: int) -> OSError | None:
-    """Return the error of writing a file of `size` bytes into `folder`; None where it works. Blender reports a full disk as a missing file."""
+    """Return the error of writing `size` bytes into `folder`, else None: Blender reports a full disk as a missing file."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(bytes(size))
@@ -180,7 +180,7 @@ def refusal(folder: Path, size: int) -> OSError | None:
 
 
 def frame_range(text: str | None, first: int, last: int) -> range:
-    """Return the frames `A:B:S` (end left out) of those from `first` to `last`; all without `text`. F4xError for none, or outside."""
+    """Return the frames `A:B:S` (end left out) from `first` to `last`; all without `text`. F4xError for none, or outside."""
     from feature4x.f4x_core.errors import F4xError
 
     if text is None:
