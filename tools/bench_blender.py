@@ -46,7 +46,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def random_scene(static: int, dynamic: int, nodes: int, frames: int, slots: int) -> Any:
-    """A scene of that size: random Gaussians of SH degree 1 on smoothly moving nodes, with all reference times."""
+    """Return a scene of that size: random Gaussians of SH degree 1 on smoothly moving nodes, with all reference times."""
     import numpy as np
     from feature4x.f4x_core.geometry import quaternion
     from feature4x.f4x_core.geometry.camera import CameraPath
@@ -107,7 +107,7 @@ class Bench:
         self.seconds = time.perf_counter() - start
 
     def import_time(self) -> dict[str, Any]:
-        """Seconds from file to objects."""
+        """Measure the seconds from file to objects."""
         from feature4x.addon.scene.scene_object import SceneObject
 
         scene = SceneObject(self.root).edited
@@ -115,7 +115,7 @@ class Bench:
         return {"seconds": self.seconds, "gaussians": len(scene.ids), "nodes": nodes, "frames": len(scene.cameras)}
 
     def playback(self) -> dict[str, Any]:
-        """Milliseconds in which Blender evaluates a frame, with and without the motion of the Gaussians."""
+        """Measure the milliseconds in which Blender evaluates a frame, with and without the motion of the Gaussians."""
         import bpy
 
         scene = bpy.context.scene
@@ -132,7 +132,7 @@ class Bench:
         return row
 
     def motion(self) -> dict[str, Any]:
-        """Largest difference between points in Blender and in the core, in units of the scene."""
+        """Measure the largest difference between points in Blender and in the core, in units of the scene."""
         import bpy
         import numpy as np
         from feature4x.addon.common.point_cloud import read_attribute
@@ -154,7 +154,7 @@ class Bench:
         return {"position": float(max(errors)), "rotation": float(max(turns))}
 
     def threshold(self) -> dict[str, Any]:
-        """Milliseconds from a moved threshold to a new selection."""
+        """Measure the milliseconds from a moved threshold to a new selection."""
         import numpy as np
         from feature4x.addon.edits import marking
         from feature4x.addon.scene.scene_object import SELECTED, SceneObject
@@ -170,7 +170,7 @@ class Bench:
         return {"milliseconds": 1000 * statistics.median(times), "gaussians": len(ids)}
 
     def query(self) -> dict[str, Any]:
-        """Milliseconds from a word of the vocabulary to selected points, the first time and again."""
+        """Measure the milliseconds from a word of the vocabulary to selected points, the first time and again."""
         from feature4x.addon.edits import marking
         from feature4x.addon.scene.scene_object import SceneObject
         from feature4x.f4x_core.query.prompts import select_by_text
@@ -184,7 +184,7 @@ class Bench:
         return {"first_milliseconds": 1000 * times[0], "milliseconds": 1000 * times[-1], "word": word}
 
     def click(self) -> dict[str, Any]:
-        """Seconds of preparing clicks once, of the first click on what moves most and on what stands, and of later ones.
+        """Measure the seconds of preparing clicks, of the first click on what moves most and on what stands, and of later ones.
 
         `…processor_seconds`: of all threads, which other programs hardly change.
         """
@@ -219,7 +219,7 @@ class Bench:
         return row
 
     def render_image(self) -> dict[str, Any]:
-        """Seconds of one picture of the render engine at the clip's size."""
+        """Measure the seconds of one picture of the render engine at the clip's size."""
         import bpy
 
         scene = bpy.context.scene
@@ -242,7 +242,7 @@ def registration() -> dict[str, Any]:
 
 
 def registered() -> set[str]:
-    """Everything that an extension can leave behind in Blender: classes, properties, handlers, menu entries, modes' panels."""
+    """Return what an extension can leave behind in Blender: classes, properties, handlers, menu entries, modes' panels."""
     import bpy
 
     found = {name for name in dir(bpy.types) if "f4x" in name.lower() or "feature4x" in name.lower()}
@@ -269,7 +269,7 @@ def ours(one: Any) -> bool:
 
 
 def cancel() -> dict[str, Any]:
-    """Seconds from Cancel until a job that ignores it has ended."""
+    """Measure the seconds from Cancel until a job that ignores it has ended."""
     from feature4x.addon.jobs import worker
 
     code = "import json, signal, sys, time; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
@@ -286,7 +286,7 @@ def cancel() -> dict[str, Any]:
 
 
 def measure(work: Callable[[], Any]) -> float:
-    """Seconds that `work` takes, without garbage collection."""
+    """Return the seconds that `work` takes, without garbage collection."""
     gc.collect()
     start = time.perf_counter()
     work()

@@ -27,7 +27,7 @@ from feature4x.f4x_core.scene.view import render  # noqa: E402
 
 
 def draw(samples: int, part: float, engine: str, denoise: bool) -> tuple[np.ndarray, float]:
-    """(H,W,4) linear colors and alpha of the middle part of the current scene's picture, and the seconds it took."""
+    """Return (H,W,4) linear colors and alpha of the middle part of the current scene's picture, and the seconds it took."""
     scene, settings = bpy.context.scene, bpy.context.scene.render
     settings.engine, settings.film_transparent = engine, True
     if engine == "CYCLES":
@@ -50,13 +50,13 @@ def draw(samples: int, part: float, engine: str, denoise: bool) -> tuple[np.ndar
 
 
 def middle(picture: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """The middle part of a picture, of `shape` rows and columns."""
+    """Return the middle part of a picture, of `shape` rows and columns."""
     top, left = ((whole - part) // 2 for whole, part in zip(picture.shape, shape, strict=False))
     return picture[top : top + shape[0], left : left + shape[1]]
 
 
 def decibels(one: np.ndarray, other: np.ndarray) -> float:
-    """PSNR of two pictures of display colors."""
+    """Return the PSNR of two pictures of display colors."""
     return float(-10 * np.log10(np.mean((one - other) ** 2)))
 
 

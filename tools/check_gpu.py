@@ -49,7 +49,7 @@ def main(words: list[str]) -> dict:
 
 
 def make_clouds(count: int) -> list:
-    """Clouds of degree 4 to 0."""
+    """Return random clouds of degree 0 to 4, of `count` Gaussians and fewer."""
     from feature4x.f4x_core.scene.stage import Cloud
 
     rng = np.random.default_rng(1)
@@ -76,7 +76,7 @@ def make_clouds(count: int) -> list:
 
 
 def make_eye(place: tuple[float, float, float], back: float = 0.0):
-    """A view from `place`, with perspective unless `back` is how far the pinhole stands behind."""
+    """Return a view from `place`, with perspective unless `back` is how far the pinhole stands behind."""
     from feature4x.addon.common.axes import Eye
     from feature4x.f4x_core.geometry.camera import Camera
 
@@ -88,7 +88,7 @@ def make_eye(place: tuple[float, float, float], back: float = 0.0):
 
 
 def cases(clouds: list) -> dict[str, tuple]:
-    """(clouds, surfaces, view) by name."""
+    """Return name -> (clouds, surfaces, view)."""
     from feature4x.f4x_core.scene.stage import Surface
 
     colors = np.array([[0.8, 0.2, 0.1], [0.1, 0.9, 0.3]])
@@ -123,7 +123,7 @@ def compare(clouds: list, surfaces: list, seen) -> dict[str, float]:
 
 
 def measure(clouds: list, kind: str) -> dict[str, float]:
-    """Milliseconds of the processor per redraw: of a still view, one that turns, and one whose second cloud moves."""
+    """Measure the milliseconds of the processor per redraw: of a still view, one that turns, and one whose second cloud moves."""
     from feature4x.addon.render import viewport_gpu
 
     picture = viewport_gpu.GpuPicture()

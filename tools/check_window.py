@@ -198,7 +198,7 @@ class Window:
         self.hand("mouseup", 1)
 
     def state(self) -> dict:
-        """Text of the sidebar."""
+        """Return the text of the sidebar, and what else Blender tells of itself."""
         nothing = (
             "screen",
             "room",
@@ -254,7 +254,7 @@ class Window:
         return state
 
     def screenshot(self, name: str) -> None:
-        """Blender's own screenshots are black without a graphics card: take what the screen shows."""
+        """Save what the screen shows: Blender's own screenshots are black without a graphics card."""
         from PIL import ImageGrab
 
         ImageGrab.grab(xdisplay=self.display).save(self.out / f"{name}.png")
@@ -262,7 +262,7 @@ class Window:
 
 @contextmanager
 def blender(root: Path, scene: Path, out: Path, frame: int, shading: str) -> Iterator[Window]:
-    """A Blender with the extension and the scene, until the block ends."""
+    """Run a Blender with the extension and the scene until the `with` block ends."""
     with clean_profile(root) as profile, open(out / "blender.log", "w") as log:
         shutil.copy(scene, profile.folder / "scene.f4x")
         profile.check_out()

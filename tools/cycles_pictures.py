@@ -40,7 +40,7 @@ class Sheet:
     pictures: list[tuple[str, np.ndarray]] = field(default_factory=list)
 
     def stage(self) -> cycles_stage.Stage:
-        """The scene in an empty file, at the sheet's frame."""
+        """Return the scene in an empty file, at the sheet's frame."""
         return cycles_stage.Stage.of(self.scene, self.frame)
 
     def add(self, title: str, transparent: bool = False) -> None:
@@ -51,7 +51,7 @@ class Sheet:
 
 
 def balls(sheet: Sheet) -> None:
-    """A metal and a glass ball among the splats."""
+    """Draw a metal and a glass ball among the splats."""
     stage = sheet.stage()
     sheet.add("the scene in Cycles")
     stage.ball("metal", -1, cycles_stage.metal())
@@ -62,7 +62,7 @@ def balls(sheet: Sheet) -> None:
 
 
 def shadows(sheet: Sheet) -> None:
-    """Shadows of a mesh on splats and of splats on a mesh."""
+    """Draw shadows of a mesh on splats and of splats on a mesh."""
     stage = sheet.stage()
     stage.ball("ball", -1, cycles_stage.matte((0.8, 0.1, 0.05)))
     sun = stage.sun(SUNSHINE)
@@ -77,7 +77,7 @@ def shadows(sheet: Sheet) -> None:
 
 
 def blurs(sheet: Sheet) -> None:
-    """Depth of field and motion blur."""
+    """Draw depth of field and motion blur."""
     import bpy
 
     stage = sheet.stage()
@@ -92,7 +92,7 @@ def blurs(sheet: Sheet) -> None:
 
 
 def holdouts(sheet: Sheet) -> None:
-    """Alpha: what moves as holdout, a ball as holdout, and the ball's shadow alone."""
+    """Draw with alpha: dynamic splats as holdout, a ball as holdout, and the ball's shadow alone."""
     import bpy
 
     stage = sheet.stage()
@@ -112,7 +112,7 @@ def holdouts(sheet: Sheet) -> None:
 
 
 def copies(sheet: Sheet) -> None:
-    """A collection instance, an array by geometry nodes, a second scene of another start."""
+    """Draw a collection instance, an array by geometry nodes, a second scene of another start."""
     stage = sheet.stage()
     stage.instance(stage.model(1))
     sheet.add("collection instance, smaller")
@@ -125,7 +125,7 @@ def copies(sheet: Sheet) -> None:
 
 
 def world(sheet: Sheet) -> None:
-    """Light of the world on meshes beside splats."""
+    """Draw the light of the world on meshes beside splats."""
     stage = sheet.stage()
     stage.ball("white", -1, cycles_stage.matte((0.8, 0.8, 0.8)))
     stage.ball("metal", 1, cycles_stage.metal())

@@ -34,12 +34,12 @@ def check_splats() -> None:
 
 
 def clouds_below(root: Any) -> list[Any]:
-    """The point clouds of a scene that hold Gaussians."""
+    """Return the point clouds of a scene that hold Gaussians."""
     return [item for item in root.children_recursive if item.type == "POINTCLOUD" and len(item.data.points)]
 
 
 def places(cloud: Any) -> np.ndarray:
-    """(N,3) where a cloud's points are now, in the world."""
+    """Return (N,3): where a cloud's points are now, in the world."""
     import bpy
     from feature4x.addon.common.point_cloud import read_attribute
 
@@ -99,7 +99,7 @@ class Stage:
         return bpy.context.scene.camera
 
     def floor_below(self, x: float, y: float, reach: float) -> float:
-        """Height of what lies below a place: where few points within `reach` are lower."""
+        """Return the height of what lies below a place: few points within `reach` are lower."""
         still = np.concatenate([places(cloud) for cloud in self.clouds if cloud not in self.moving])
         near = np.hypot(still[:, 0] - x, still[:, 1] - y) < reach
         return float(np.percentile(still[near, 2], 30)) if near.any() else float(self.middle[2]) - reach
@@ -146,7 +146,7 @@ class Stage:
         return lamp
 
     def model(self, side: float) -> Any:
-        """(4,4) that makes a model of the scene, smaller, which stands on the floor to the left (-1) or right (1) of what moves."""
+        """Return (4,4) that makes a smaller model of the scene, on the floor to the left (-1) or right (1) of what moves."""
         from mathutils import Matrix, Vector
 
         x, y, _ = self.middle
@@ -211,7 +211,7 @@ class Stage:
 
 
 def principled(name: str, **inputs: Any) -> Any:
-    """A material of Blender's Principled BSDF."""
+    """Return a material of Blender's Principled BSDF."""
     import bpy
 
     material = bpy.data.materials.new(name)
@@ -223,7 +223,7 @@ def principled(name: str, **inputs: Any) -> Any:
 
 
 def metal() -> Any:
-    """Polished metal."""
+    """Return polished metal."""
     return principled("metal", Base_Color=(0.9, 0.9, 0.9, 1), Metallic=1.0, Roughness=0.03)
 
 
@@ -233,7 +233,7 @@ def glass() -> Any:
 
 
 def matte(color: tuple[float, float, float]) -> Any:
-    """A dull surface."""
+    """Return a dull surface of a color."""
     return principled("matte", Base_Color=(*color, 1), Roughness=0.9)
 
 
@@ -299,7 +299,7 @@ def catch_shadows(cloud: Any) -> None:
 
 
 def _emptied(cloud: Any, title: str) -> Any:
-    """The empty node tree of the one material that a cloud then has."""
+    """Give a cloud one new material in place of its own, and return its emptied node tree."""
     import bpy
 
     material = bpy.data.materials.new(f"{cloud.name} {title}")
@@ -311,7 +311,7 @@ def _emptied(cloud: Any, title: str) -> Any:
 
 
 def render(samples: int, denoised: bool, transparent: bool = False) -> np.ndarray:
-    """(H,W,4) linear colors, premultiplied, and alpha of the current scene as Cycles draws it."""
+    """Return (H,W,4) linear colors, premultiplied, and alpha of the current scene as Cycles draws it."""
     import bpy
     from feature4x.addon.common.render_settings import save_multilayer
 
@@ -330,7 +330,7 @@ def render(samples: int, denoised: bool, transparent: bool = False) -> np.ndarra
 
 
 def over_checkers(picture: np.ndarray) -> np.ndarray:
-    """(H,W,3) uint8 display colors of a linear picture with alpha, over a checkerboard."""
+    """Return (H,W,3) uint8 display colors of a linear picture with alpha, over a checkerboard."""
     from feature4x.f4x_core.scene.color import srgb_from_linear
 
     rows, columns = np.indices(picture.shape[:2]) // CHECKER

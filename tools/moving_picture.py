@@ -16,7 +16,7 @@ GAP, COLOURS, STILL = 4, 96, 15
 
 
 def side_by_side(panels: list[Image.Image]) -> Image.Image:
-    """Panels of one size in a row, white between them."""
+    """Return panels of one size in a row, with white between them."""
     width, height = panels[0].size
     row = Image.new("RGB", (len(panels) * (width + GAP) - GAP, height), "white")
     for index, panel in enumerate(panels):

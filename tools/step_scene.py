@@ -27,7 +27,7 @@ SLOTS = 4
 
 
 def gaussians(means: np.ndarray, normals: np.ndarray, colours: np.ndarray, step: float) -> dict[str, np.ndarray]:
-    """Opaque flat Gaussians at `means (N,3)`, across `normals (N,3)`, as wide as `step`."""
+    """Return opaque flat Gaussians at `means (N,3)`, across `normals (N,3)`, as wide as `step`."""
     side = np.cross(normals, np.where(np.abs(normals[:, :1]) < 0.9, np.eye(3)[0], np.eye(3)[1]))
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     axes = np.stack([side, np.cross(normals, side), normals], -1)
@@ -42,7 +42,7 @@ def gaussians(means: np.ndarray, normals: np.ndarray, colours: np.ndarray, step:
 
 
 def sheet(corner, across, down, normal, step, paint) -> dict[str, np.ndarray]:
-    """A rectangle from `corner` along two vectors; `paint(a, b)` gives the colour at these distances from the corner."""
+    """Return a rectangle from `corner` along two vectors; `paint(a, b)` gives the colour at these distances from the corner."""
     lengths = [np.linalg.norm(across), np.linalg.norm(down)]
     a, b = (axis.ravel() for axis in np.meshgrid(*(np.arange(step / 2, length, step) for length in lengths)))
     means = np.add(corner, np.outer(a / lengths[0], across) + np.outer(b / lengths[1], down))
@@ -50,7 +50,7 @@ def sheet(corner, across, down, normal, step, paint) -> dict[str, np.ndarray]:
 
 
 def bricks(a, b):
-    """A wall of bricks in several shades, with joints."""
+    """Return the color of a wall of bricks in several shades, with joints."""
     row = np.floor(b / 0.12)
     at = a + 0.14 * (row % 2)
     shade = 0.75 + 0.25 * np.sin(7.1 * row + 12.7 * np.floor(at / 0.28)) ** 2
@@ -59,20 +59,20 @@ def bricks(a, b):
 
 
 def tiles(a, b):
-    """A floor of light and dark tiles."""
+    """Return the color of a floor of light and dark tiles."""
     light = (np.floor(a / 0.2) + np.floor(b / 0.2)) % 2
     return np.where(light[:, None] > 0, [0.78, 0.76, 0.7], [0.35, 0.45, 0.5])
 
 
 def planks(a, b):
-    """The side of a wooden crate with a frame."""
+    """Return the color of the side of a wooden crate with a frame."""
     edge = (np.minimum(a, SIDE - a) < 0.04) | (np.minimum(b, SIDE - b) < 0.04)
     gap = b % 0.08 < 0.014
     return np.where(edge[:, None], [0.55, 0.38, 0.2], np.where(gap[:, None], [0.3, 0.2, 0.1], [0.8, 0.6, 0.35]))
 
 
 def stripes(directions):
-    """A ball in two colours."""
+    """Return the color of a ball in two colours."""
     sector = np.floor(np.arctan2(directions[:, 1], directions[:, 0]) / (np.pi / 3)) % 2
     return np.where(sector[:, None] > 0, [0.95, 0.9, 0.8], [0.9, 0.5, 0.1])
 
@@ -95,7 +95,7 @@ def still() -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 
 def ball(count: int = 1500) -> dict[str, np.ndarray]:
-    """The ball at frame 0, evenly covered."""
+    """Return the ball at frame 0, evenly covered."""
     height = 1 - (2 * np.arange(count) + 1) / count
     turn = np.pi * (1 + 5**0.5) * np.arange(count)
     around = np.sqrt(1 - height**2)
@@ -104,7 +104,7 @@ def ball(count: int = 1500) -> dict[str, np.ndarray]:
 
 
 def scaffold() -> Scaffold:
-    """Eight nodes in the ball, which rolls to the right."""
+    """Return eight nodes in the ball, which rolls to the right."""
     offsets = 0.5 * RADIUS * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     way = np.linspace(0, END - START[0], FRAMES)
     turns = quaternion.from_rotation_vector(np.outer(way / RADIUS, [0, 0, 1.0]))
@@ -124,7 +124,7 @@ def scaffold() -> Scaffold:
 
 
 def step_scene() -> Scene:
-    """The scene: 30 frames, the camera goes a little to the right."""
+    """Return the scene: 30 frames, the camera goes a little to the right."""
     (standing, label), rolling, carrier = still(), ball(), scaffold()
     static, dynamic = len(standing["means"]), len(rolling["means"])
     distance = np.linalg.norm(rolling["means"][:, None] - carrier.xyz[0], axis=-1)

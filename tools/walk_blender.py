@@ -53,7 +53,7 @@ class RandomWalk(Walk):
     """A walk that takes random actions, and checks the scene after each."""
 
     def step(self) -> None:
-        """One action, and a look at everything."""
+        """Do one action, and look at everything."""
         if self.steps % EPISODE == 0:
             self._begin_file()
         names, weights = zip(*((name, each.weight) for name, each in ACTIONS.items()), strict=True)
@@ -112,7 +112,7 @@ class RandomWalk(Walk):
 
 
 def resident() -> float:
-    """MiB of memory in use by this process, without what the C library keeps free; 0 where the system does not tell."""
+    """Return the MiB of memory in use by this process, without what the C library keeps free; 0 where the system does not tell."""
     try:
         ctypes.CDLL(None).malloc_trim(0)
         return round(int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20, 1)

@@ -43,24 +43,24 @@ class Walk:
         self._at = 0
 
     def word(self) -> str:
-        """Something to ask for, known or not."""
+        """Return something to ask for, known or not."""
         return self.random.choice([*self.words, "zebra"])
 
     def frame(self) -> int:
-        """A frame of the clip."""
+        """Return a frame of the clip."""
         return self.random.randrange(6)
 
     def pixel(self) -> tuple[float, float]:
-        """A place in the pictures."""
+        """Return a place in the pictures."""
         render = bpy.context.scene.render
         return self.random.uniform(0, render.resolution_x), self.random.uniform(0, render.resolution_y)
 
     def scenes(self) -> list[SceneObject]:
-        """All imported scenes of the current Blender scene."""
+        """Return all imported scenes of the current Blender scene."""
         return SceneObject.among(bpy.context.scene.objects)
 
     def scene(self) -> SceneObject | None:
-        """The scene that operators work on."""
+        """Return the scene that operators work on."""
         return SceneObject.of(bpy.context.object)
 
     def pickable(self) -> list[bpy.types.Object]:
@@ -141,7 +141,7 @@ class Walk:
 
 
 def copies_of(scene: Path, folder: Path) -> list[Path]:
-    """Copies of a scene file in `folder`, which a walk may write to; a broken one lies beside them."""
+    """Return copies of a scene file in `folder`, which a walk may write to; a broken one lies beside them."""
     (folder / "broken.f4x").write_bytes(b"no scene")
     if not (folder / "splats.ply").exists():
         export(read_scene(scene), folder / "splats.ply", [0.0])
@@ -158,7 +158,7 @@ def _catch_errors(path: Path) -> Any:
 
 @contextmanager
 def in_viewport() -> Iterator[None]:
-    """A context in which operators find a 3D viewport, where there is a window with one."""
+    """Let operators find a 3D viewport within a `with` block, where there is a window with one."""
     windows = [] if bpy.app.background else bpy.context.window_manager.windows
     for window in windows:
         for area in window.screen.areas:
