@@ -47,14 +47,16 @@ def _may_use_engine() -> bool:
 def show(root: bpy.types.Object, camera: bpy.types.Object | None, stay: bool = False) -> None:
     """Let every 3D viewport of the window show colours and no lines to parents.
 
-    They are the engine's where the scene is drawn with Feature4X. The view is that of `camera` if given, else all below `root`;
-    with `stay` a viewport that looks through a camera goes on doing so.
+    They are the engine's where the scene is drawn with Feature4X. The view is that of `camera` if given, with the whole range of
+    frames in the timeline, else all below `root`; with `stay` a viewport that looks through a camera goes on doing so.
     """
     window = bpy.context.window
     if window is None:  # without a window there is nothing to look through
         return
     if len(SceneObject.among(bpy.context.scene.objects)) == 1:  # later ones come into a project that is under way
         _open_sidebar(window)
+    if camera is not None:
+        _fit_timeline(window)
     for area in window.screen.areas:
         if area.type != "VIEW_3D":
             continue
@@ -93,6 +95,15 @@ def _open_sidebar(window: bpy.types.Window) -> None:
         return None
 
     bpy.app.timers.register(choose, first_interval=TRY_AGAIN)
+
+
+def _fit_timeline(window: bpy.types.Window) -> None:
+    """Let the timelines of a window show the whole frame range: a clip takes a fifth of what Blender's default file shows."""
+    for area in window.screen.areas:
+        if area.ui_type == "TIMELINE":
+            region = next(region for region in area.regions if region.type == "WINDOW")
+            with bpy.context.temp_override(window=window, area=area, region=region):
+                bpy.ops.action.view_all()
 
 
 def _fit_camera(area: bpy.types.Area) -> None:

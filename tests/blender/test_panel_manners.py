@@ -250,7 +250,7 @@ noted["called"] = root().name
     assert perform(tmp_path, script)[0]["called"] == called
 
 
-def test_a_second_import_leaves_the_viewport_with_its_camera(folder):
+def test_an_import_shows_the_clips_frames_and_a_second_one_leaves_the_viewport_with_its_camera(folder):
     script = """
 bpy.ops.wm.read_factory_settings()
 with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
@@ -258,8 +258,14 @@ with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
     for takes_over in (True, False):
         ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=takes_over)
         noted[str(takes_over)] = view.view_perspective
+    timeline = next(area for area in bpy.context.screen.areas if area.ui_type == "TIMELINE")
+    region = next(region for region in timeline.regions if region.type == "WINDOW")
+    noted["frames"] = [region.view2d.region_to_view(x, 0)[0] for x in (0, region.width)]
 """
-    assert perform(folder, script)[0] == {"True": "CAMERA", "False": "CAMERA"}
+    noted, _ = perform(folder, script)
+    first, last = noted.pop("frames")
+    assert noted == {"True": "CAMERA", "False": "CAMERA"}
+    assert -1 < first <= 0 and 4.9 < last < 6  # the clip's, in place of 250
 
 
 def test_set_up_render_takes_the_frames_at_which_the_clip_plays(folder):
