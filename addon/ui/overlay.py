@@ -10,7 +10,6 @@ import numpy as np
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from ...f4x_core.raster.contract import RasterConfig
 from ...f4x_core.scene.color import linear_from_srgb
 from ..common.point_cloud import read_attribute
 from ..render import viewport_gpu
@@ -20,6 +19,8 @@ from ..scene.scene_object import PREVIEW, SELECTED, SceneObject
 
 COLOUR = (1.0, 0.05, 0.6, 0.3)
 """Pink, in sRGB: rare in pictures, unlike the orange in which Blender outlines objects; the points' own color shows through."""
+FAINTEST = 1 / 255
+"""Smallest opacity that the engine draws."""
 SIZE = 2.0
 """Pixels of a point at a scale of 1."""
 
@@ -117,7 +118,7 @@ def drawn_rows(data: bpy.types.PointCloud) -> np.ndarray:
     chosen, base = read_attribute(data, SELECTED), read_attribute(data, "radiance:base")
     if chosen is None or base is None:
         return np.zeros(0, int)
-    return np.flatnonzero(chosen.astype(bool) & (base[:, 3] >= RasterConfig.alpha_min))
+    return np.flatnonzero(chosen.astype(bool) & (base[:, 3] >= FAINTEST))
 
 
 @persistent
