@@ -62,18 +62,24 @@ def within_outlines(
 
 def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarray:
     """Return (N,) bool: the Gaussians of the thing that `chosen (N,)` bool show, by its outlines; `chosen` if most are lost."""
-    (high, wide), inside, total = view_size(scene, config.lifted), np.zeros(len(chosen)), np.zeros(len(chosen))
-    for shown in views_of_outlines(scene, config).values():
-        weights = _weights(scene, shown.view, (high, wide))
-        coverage = shrink(weights.picture(chosen[:, None])[..., 0], shown.picture.shape[:2])
-        matte = refine_matte(np.clip(coverage, 0, 1), shown.picture, shown.background, config.matte)
-        inside += weights.sums(resize_nearest(matte, wide, high)[..., None])[:, 0]
-        total += shown.seen
-    found = (inside > MOSTLY * total) & (scene.moving | chosen)
-    found = np.where(total > config.seen, found, chosen)
-    own = total * chosen
-    # Else a shadow was meant, or a thing like its background.
-    return found if own[found].sum() >= MOSTLY * own.sum() else chosen
+    high, wide = view_size(scene, config.lifted)
+    views = [(shown, _weights(scene, shown.view, (high, wide))) for shown in views_of_outlines(scene, config).values()]
+    total = np.sum([shown.seen for shown, _ in views], 0, dtype=float)
+    own, found, changed = (total * chosen).sum(), chosen, np.inf
+    for _ in range(config.rounds):
+        if changed <= config.settled * own:
+            break
+        inside = np.zeros(len(chosen))
+        for shown, weights in views:
+            coverage = shrink(weights.picture(found[:, None])[..., 0], shown.picture.shape[:2])
+            matte = refine_matte(np.clip(coverage, 0, 1), shown.picture, shown.background, config.matte)
+            inside += weights.sums(resize_nearest(matte, wide, high)[..., None])[:, 0]
+        before = found
+        found = np.where(total > config.seen, (inside > MOSTLY * total) & (scene.moving | chosen), found)
+        if total[chosen & ~found].sum() > MOSTLY * own:  # a shadow that was meant, or a thing like its background
+            return chosen
+        changed = total[found != before].sum()
+    return found
 
 
 def views_of_outlines(scene: Scene, config: OutlineConfig = SELECT.outline) -> dict[int, Shown]:
