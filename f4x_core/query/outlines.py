@@ -65,20 +65,16 @@ def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarra
     high, wide = view_size(scene, config.lifted)
     views = [(shown, _weights(scene, shown.view, (high, wide))) for shown in views_of_outlines(scene, config).values()]
     total = np.sum([shown.seen for shown, _ in views], 0, dtype=float)
-    own, found, changed = (total * chosen).sum(), chosen, np.inf
+    found = chosen
     for _ in range(config.rounds):
-        if changed <= config.settled * own:
-            break
         inside = np.zeros(len(chosen))
         for shown, weights in views:
             coverage = shrink(weights.picture(found[:, None])[..., 0], shown.picture.shape[:2])
             matte = refine_matte(np.clip(coverage, 0, 1), shown.picture, shown.background, config.matte)
             inside += weights.sums(resize_nearest(matte, wide, high)[..., None])[:, 0]
-        before = found
         found = np.where(total > config.seen, (inside > MOSTLY * total) & (scene.moving | chosen), found)
-        if total[chosen & ~found].sum() > MOSTLY * own:  # a shadow that was meant, or a thing like its background
+        if total[chosen & ~found].sum() > MOSTLY * total[chosen].sum():  # a shadow that was meant, or a thing like its background
             return chosen
-        changed = total[found != before].sum()
     return found
 
 
