@@ -62,18 +62,20 @@ def within_outlines(
 
 def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarray:
     """Return (N,) bool: the Gaussians of the thing that `chosen (N,)` bool show, by its outlines; `chosen` if most are lost."""
-    high, wide = view_size(scene, config.lifted)
+    (high, wide), size = view_size(scene, config.lifted), view_size(scene, config.columns)
     views = [(shown, _weights(scene, shown.view, (high, wide))) for shown in views_of_outlines(scene, config).values()]
     total = np.sum([shown.seen for shown, _ in views], 0, dtype=float)
     found = chosen
     for _ in range(config.rounds):
         inside = np.zeros(len(chosen))
         for shown, weights in views:
-            coverage = shrink(weights.picture(found[:, None])[..., 0], shown.picture.shape[:2])
+            coverage = shrink(weights.picture(found[:, None])[..., 0], size)
             matte = refine_matte(np.clip(coverage, 0, 1), shown.picture, shown.background, config.matte)
             inside += weights.sums(resize_nearest(matte, wide, high)[..., None])[:, 0]
         found = np.where(total > config.seen, (inside > MOSTLY * total) & (scene.moving | chosen), found)
-        if total[chosen & ~found].sum() > MOSTLY * total[chosen].sum():  # a shadow that was meant, or a thing like its background
+        if (
+            total[chosen & ~found].sum() > MOSTLY * total[chosen].sum()
+        ):  # a shadow that was meant, or a thing like its background
             return chosen
     return found
 

@@ -105,8 +105,8 @@ def text_selection(scene: Scene, query: TextQuery, options: SelectOptions = DEFA
     Without `options.calibrated`, or where the text encoder has no null vector, the rule of Feature4X: score = summed softmax of
     the targets, wins = a target is the best label. A horse is found without the rider whom the scene knows (`people_beside`).
     """
-    targets = query.labels[: query.targets]
-    probability, wins = word_probabilities(scene, query) if options.calibrated else None, None
+    targets, wins = query.labels[: query.targets], None
+    probability = word_probabilities(scene, query) if options.calibrated else None
     if probability is not None:
         scores = without_shadow(scene, probability, options.config)
         if options.outlined:
