@@ -219,7 +219,10 @@ def _select(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         lines.append(f"mean J of others on DAVIS 2016's validation clips, from the first frame's mask: {published}")
     if args.things is not None:
         report["things"] = list(score_things(scene, args.things, scene.name))
-        lines += [f"{row['thing']:<18} click {row['click']:.3f}, box {row['box']:.3f}" for row in report["things"]]
+        lines += [
+            f"{row['thing']:<18} " + ", ".join(f"{name} {row[name]:.3f}" for name in ("click", "three clicks", "box"))
+            for row in report["things"]
+        ]
     if not lines:
         raise F4xError(
             "With --scene give --masks DIR, --things FILE or both; without --scene made-up scenes are measured."

@@ -33,6 +33,8 @@ from f4x_core.scene import Scene
 
 BOUND = 0.008
 """Of the picture's diagonal: how far an outline may be from the true one (DAVIS)."""
+MIN_DEPTH = 3.0
+"""Pixels from a part's outline to its innermost pixel at least; of what is thinner no hand would hit the rest."""
 PUBLISHED = {"OSVOS": (0.798, "Caelles et al., CVPR 2017"), "OFL": (0.680, "Tsai, Yang and Black, CVPR 2016")}
 """Method that is given the first frame's mask -> mean J over DAVIS 2016's 20 validation clips, and where that is said."""
 
@@ -56,11 +58,43 @@ def outline(mask: np.ndarray) -> np.ndarray:
     return (mask != padded[:-1, 1:]) | (mask != padded[1:, :-1]) | (mask != padded[1:, 1:])
 
 
+def depths(mask: np.ndarray) -> np.ndarray:
+    """Return (H,W) float32: the distance in pixels from the outline of bool `mask (H,W)`, 0 outside of it."""
+    deep: np.ndarray = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    return deep
+
+
 def innermost(mask: np.ndarray) -> tuple[float, float]:
     """x, y of the pixel farthest from the outline of bool `mask (H,W)`: where a hand would click."""
-    deep = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    deep = depths(mask)
     y, x = np.unravel_index(deep.argmax(), deep.shape)
     return float(x) + 0.5, float(y) + 0.5
+
+
+def largest_error(drawn: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, bool] | None:
+    """Return the largest connected part (H,W) bool that `drawn (H,W)` bool has wrong, and True where it is missing.
+
+    None where none is `MIN_DEPTH` deep.
+    """
+    parts = []
+    for wrong, missing in ((truth & ~drawn, True), (drawn & ~truth, False)):
+        count, label = cv2.connectedComponents(wrong.astype(np.uint8))
+        parts += [(label == number, missing) for number in range(1, count)]
+    deep = [each for each in parts if depths(each[0]).max() >= MIN_DEPTH]
+    return max(deep, key=lambda each: int(each[0].sum()), default=None)
+
+
+def corrected(scene: Scene, truth: np.ndarray, frame: int, clicks: int, backend: str = "auto") -> Selection:
+    """Select by up to so many `clicks` on clip frame `frame`: inside `truth (H,W)` bool, then in the `largest_error` each time."""
+    points, on = [innermost(truth)], [True]
+    while True:
+        found = select_by_points(scene, points, frame, on)
+        drawn = matte_image(scene, found, scene.cameras[frame], float(scene.cameras.times[frame]), backend) > SHOWN
+        error = largest_error(drawn, truth)
+        if error is None or len(points) == clicks:
+            return found
+        points.append(innermost(error[0]))
+        on.append(error[1])
 
 
 def box_of(mask: np.ndarray) -> tuple[int, int, int, int]:
@@ -82,6 +116,7 @@ def ways(
         "mask": partial(select_by_mask, scene, mask, frame),
         "mask on the graph": partial(select_by_evidence, scene, [Mask(frame, True, mask)]),
         "click": partial(select_by_points, scene, [innermost(mask)], frame),
+        "three clicks": partial(corrected, scene, mask, frame, 3),
         "box": partial(select_by_box, scene, box_of(mask), frame),
         "nothing": partial(moving_ones, scene),
     }
@@ -122,7 +157,7 @@ def score_selecting(
 
 
 def score_things(scene: Scene, file: Path, clip: str, backend: str = "auto") -> Iterator[dict[str, Any]]:
-    """IoU on its own frame of a click and a box on each of the hand-drawn things of `clip` in `file`, which stand still.
+    """IoU on its own frame of a click, up to three and a box on each of the hand-drawn static things of `clip` in `file`.
 
     `file`: a JSON list of `clip`, `frame`, `name` and `outline` [[x, y], ...] in pixels of the clip's pictures.
     """
@@ -132,7 +167,7 @@ def score_things(scene: Scene, file: Path, clip: str, backend: str = "auto") -> 
             continue
         frame, mask = thing["frame"], Lasso(thing["frame"], True, thing["outline"]).pixels(size)
         row: dict[str, Any] = {"thing": thing["name"]}
-        for name in ("click", "box"):
+        for name in ("click", "three clicks", "box"):
             found = ways(scene, mask, frame, None, None)[name]()
             drawn = matte_image(scene, found, scene.cameras[frame], float(scene.cameras.times[frame]), backend) > SHOWN
             row[name] = overlap(drawn, mask)

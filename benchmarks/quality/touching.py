@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import cv2
 import numpy as np
 
 from f4x_core.geometry import quaternion, spherical_harmonics
@@ -25,6 +24,7 @@ from f4x_core.scene import DynamicSet, Scene, StaticSet
 from f4x_core.scene.view import render
 
 from ..studies.toy_worlds import Body, Motion, Rectangle, World, box, sheet, texture
+from .selecting import MIN_DEPTH, depths, innermost
 
 SCENES = ("slide", "cross", "ride", "bump", "table")
 """Two that slide along each other; three that cross and hide each other; one that rides on another; one that drives into another
@@ -35,8 +35,6 @@ CLICKED, JUDGED = (0, 6), (0, 4, 8, 11)
 """Frames that are clicked, one after the other, and those in which the selections are judged."""
 MIN_PIXELS = 40
 """A thing with fewer visible pixels is not judged in a frame."""
-MIN_DEPTH = 3.0
-"""Pixels from a thing's outline to its innermost pixel at least; of one that is hidden but for less no hand would hit the rest."""
 ROUND = 0.4
 """Standard deviation of a Gaussian in distances of its surface's points: closed, and not much wider than the surface."""
 
@@ -218,11 +216,9 @@ def clicks(scene: Scene, truth: dict[int, dict[str, np.ndarray]]) -> Iterator[tu
     """Yield (thing, clicked frame, mean IoU over `JUDGED`) of one click at the innermost pixel of every thing."""
     for frame in CLICKED:
         for label, mask in truth[frame].items():
-            deep = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
-            if deep.max() < MIN_DEPTH:
+            if depths(mask).max() < MIN_DEPTH:
                 continue
-            y, x = np.unravel_index(deep.argmax(), deep.shape)
-            found = select_by_points(scene, [(x + 0.5, y + 0.5)], frame)
+            found = select_by_points(scene, [innermost(mask)], frame)
             overlaps = []
             for time in JUDGED:
                 if truth[time][label].sum() >= MIN_PIXELS:

@@ -36,6 +36,12 @@ def kinds_of(name: str) -> frozenset[str]:
     return frozenset(found for word, found in _kinds() if word in words)
 
 
+def is_of_a_kind(name: str) -> bool:
+    """Return True if a name, or the last word of one, is an animal, a vehicle or another kind of thing that nobody is or wears."""
+    words = {*spellings(name)} if names_another(name) else {*spellings(name), *spellings(name.split()[-1])}
+    return any(one in words or kind in words for one, kind in _kinds())
+
+
 @cache
 def _kinds() -> frozenset[tuple[str, str]]:
     """Return (name or its last word, kind) of all classes."""

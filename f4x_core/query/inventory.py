@@ -98,7 +98,7 @@ def select_word(
 def things_there(scene: Scene) -> dict[str, Selection]:
     """Return the vocabulary's words that select something with their selections, most first; the likeliest word for one thing.
 
-    Words that few Gaussians answer to more than to any other are not asked.
+    Words that few Gaussians answer to more than to any other are not asked; what moves is not cut by its outlines.
     """
     labels, there = vocabulary_of(scene), np.flatnonzero(not_deleted(scene))
     people = [] if people_of(scene) is None else each_person(scene, PERSON) or [PERSON]
@@ -113,7 +113,7 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     counts = np.bincount(scores.argmax(1), minlength=len(labels))
     candidates = (query.labels[i] for i in np.flatnonzero(counts >= MIN_FRACTION * len(latents)))
     encoder = query.head.spec.text_encoder or ""
-    asked = {label: find(scene, label) for label in candidates if unknown_kind(encoder, label) is None}
+    asked = {label: _roughly(scene, label) for label in candidates if unknown_kind(encoder, label) is None}
     found = {label: selection for label, selection in asked.items() if selection.chosen.any()}
     kept: dict[str, Selection] = everybody
     for label in sorted(
@@ -122,6 +122,12 @@ def things_there(scene: Scene) -> dict[str, Selection]:
         if not any(mean_the_same(found[label].chosen, other.chosen, scene.moving) for other in kept.values()):
             kept[label] = found[label]
     return dict(sorted(kept.items(), key=lambda item: -int(item[1].chosen.sum())))
+
+
+def _roughly(scene: Scene, label: str) -> Selection:
+    """Return what `find` does for a label of the vocabulary, not cut by its outlines: they do not decide what is there."""
+    negatives = None if is_calibrated(scene) else vocabulary_of(scene)
+    return select_by_text(scene, [label], negatives, SelectOptions(outlined=False))
 
 
 def mean_the_same(one: np.ndarray, other: np.ndarray, moving: np.ndarray) -> bool:
@@ -165,7 +171,7 @@ def _narrower(scene: Scene, label: str, selection: Selection) -> list[str]:
     latents = scene.latents()[selection.chosen]
     seen = evidence(query.head(latents[:: max(1, len(latents) // LOOKED_AT)]), query.vectors, null).mean(0)
     word = query.labels[int(seen.argmax())]
-    own = find(scene, word).chosen
+    own = _roughly(scene, word).chosen
     same = (own & selection.chosen).sum() > SAME * (own | selection.chosen).sum()
     return [word] if same else []
 

@@ -13,12 +13,14 @@ import numpy as np
 from ..clip.images import resize_nearest
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import View
+from ..raster.blend_weights import BlendWeights
 from ..scene import Scene
 from ..scene.view import render
-from .blend_weights import lift_masks, view_size
+from .blend_weights import view_size
 from .kept import Kept
 from .matte import background_of, refine_matte
 from .objects import MOSTLY
+from .segmentation import shrink
 from .select_config import SELECT, OutlineConfig, SelectConfig
 
 
@@ -31,6 +33,8 @@ class Shown(NamedTuple):
     """(h,w,3) float32 sRGB of all of it."""
     background: np.ndarray
     """(h,w,4) float32 sRGB and alpha of what does not move."""
+    seen: np.ndarray
+    """(N,) float32: blend weights in the picture, in pixels of the larger one in which masks are lifted."""
 
 
 _SHOWN: Kept[dict[int, Shown]] = Kept()
@@ -58,20 +62,20 @@ def within_outlines(
 
 def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarray:
     """Return (N,) bool: the Gaussians of the thing that `chosen (N,)` bool show, by its outlines; `chosen` if most are lost."""
-    high, wide = view_size(scene, config.lifted)
+    (high, wide), size = view_size(scene, config.lifted), view_size(scene, config.columns)
+    views = [(shown, _weights(scene, shown.view, (high, wide))) for shown in views_of_outlines(scene, config).values()]
+    total = np.sum([shown.seen for shown, _ in views], 0, dtype=float)
     found = chosen
     for _ in range(config.rounds):
-        masks = {
-            frame: resize_nearest(
-                refine_matte(_coverage(scene, found, shown), shown.picture, shown.background, config.matte), wide, high
-            )
-            for frame, shown in views_of_outlines(scene, config).items()
-        }
-        fraction, total = lift_masks(scene, masks)
-        inside = (fraction > MOSTLY) & (scene.moving | chosen)
-        found = np.where(total > config.seen, inside, found)
-        own = total * chosen
-        if own[~found].sum() > MOSTLY * own.sum():  # a shadow that was meant, or a thing like its background
+        inside = np.zeros(len(chosen))
+        for shown, weights in views:
+            coverage = shrink(weights.picture(found[:, None])[..., 0], size)
+            matte = refine_matte(np.clip(coverage, 0, 1), shown.picture, shown.background, config.matte)
+            inside += weights.sums(resize_nearest(matte, wide, high)[..., None])[:, 0]
+        found = np.where(total > config.seen, (inside > MOSTLY * total) & (scene.moving | chosen), found)
+        if (
+            total[chosen & ~found].sum() > MOSTLY * total[chosen].sum()
+        ):  # a shadow that was meant, or a thing like its background
             return chosen
     return found
 
@@ -84,14 +88,14 @@ def views_of_outlines(scene: Scene, config: OutlineConfig = SELECT.outline) -> d
 def _views(scene: Scene, config: OutlineConfig) -> dict[int, Shown]:
     """Return clip frame -> view."""
     cameras, (height, width) = scene.cameras, view_size(scene, config.columns)
-    shown = {}
+    size, shown = view_size(scene, config.lifted), {}
     for frame in evenly_spaced(len(cameras), config.views, ends=False).tolist():
         view = View(cameras[frame].resized(width, height), float(cameras.times[frame]))
-        shown[frame] = Shown(view, render(scene, *view, ("rgb",))["rgb"], background_of(scene, view))
+        seen = _weights(scene, view, size).sums(np.ones((*size, 1), np.float32))[:, 0]
+        shown[frame] = Shown(view, render(scene, *view, ("rgb",))["rgb"], background_of(scene, view), seen)
     return shown
 
 
-def _coverage(scene: Scene, chosen: np.ndarray, shown: Shown) -> np.ndarray:
-    """Return (h,w) float32 in [0, 1]: what the Gaussians `chosen (N,)` bool cover of a view."""
-    values = {"chosen": chosen[:, None].astype(np.float32)}
-    return np.clip(render(scene, *shown.view, (), values=values)["chosen"][..., 0], 0, 1)
+def _weights(scene: Scene, view: View, size: tuple[int, int]) -> BlendWeights:
+    """Return the blend weights of the Gaussians in the picture (H,W) = `size` of a view."""
+    return BlendWeights(scene.posed(view.time), view.camera.resized(size[1], size[0]), 1)

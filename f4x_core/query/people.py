@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import F4xError
+from ..features.classes import is_of_a_kind
 from ..language.lexicon import ONES, ORDINALS, PEOPLE, singular, spellings
 from ..scene import Scene
 from ..scene.people import PARTS, from_left, parts_called, people_of
@@ -201,6 +202,18 @@ def rows_of_people(scene: Scene, label: str) -> np.ndarray:
         return rows
     ending = "head" if found["single"] == "face" else found["single"] or found["limb"]
     return rows & np.isin(people.part, parts_called(f"{found['side'] or ''} {ending}"))
+
+
+def people_beside(scene: Scene, labels: Iterable[str], chosen: np.ndarray) -> np.ndarray:
+    """Return the Gaussians (N,) bool of people who are none of what words find: the rider of a "horse", nobody of a "hat".
+
+    Nobody where most of what is found, `chosen (N,)` bool, would be lost.
+    """
+    people = people_of(scene)
+    if people is None or not all(map(is_of_a_kind, labels)):
+        return np.zeros(len(chosen), bool)
+    rows = people.person > 0
+    return rows & bool(2 * (chosen & rows).sum() <= chosen.sum())
 
 
 def labels_of_people(scene: Scene) -> list[str]:

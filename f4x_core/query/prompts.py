@@ -27,7 +27,7 @@ from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
 from .objects import MOSTLY, graph_of, point_out
 from .outlines import within_outlines
-from .people import person_at, rows_of_people
+from .people import people_beside, person_at, rows_of_people
 from .pixels import label_scores
 from .score import THRESHOLD, target_score
 from .select_config import SELECT, SelectConfig, ThingConfig
@@ -50,6 +50,8 @@ class SelectOptions:
     """First and last clip frame at which the selection holds; None: always."""
     calibrated: bool = True
     """True if scores of words are probabilities where the text encoder has a null vector; else the rule of Feature4X holds."""
+    outlined: bool = True
+    """True if what words find ends at its outlines (`outlines`); else where its features end, which is quicker."""
     part: bool = False
     """True to select the part of the body at a point, not the whole person."""
     config: SelectConfig = SELECT
@@ -101,15 +103,19 @@ def text_selection(scene: Scene, query: TextQuery, options: SelectOptions = DEFA
     """The selection of a query: score = probability that a Gaussian belongs to a target (`calibration`), and no wins.
 
     Without `options.calibrated`, or where the text encoder has no null vector, the rule of Feature4X: score = summed softmax of
-    the targets, wins = a target is the best label.
+    the targets, wins = a target is the best label. A horse is found without the rider whom the scene knows (`people_beside`).
     """
-    names = ", ".join(query.labels[: query.targets])
+    targets, wins = query.labels[: query.targets], None
     probability = word_probabilities(scene, query) if options.calibrated else None
     if probability is not None:
         scores = without_shadow(scene, probability, options.config)
-        return _selection(scene, within_outlines(scene, scores, options.threshold, options.config), options, names)
-    total, best = target_score(label_scores(query, scene.latents()), range(query.targets))
-    return _selection(scene, np.clip(total, 0, 1), options, names, best)
+        if options.outlined:
+            scores = within_outlines(scene, scores, options.threshold, options.config)
+    else:
+        total, wins = target_score(label_scores(query, scene.latents()), range(query.targets))
+        scores = np.clip(total, 0, 1)
+    found = _selection(scene, scores, options, ", ".join(targets), wins)
+    return found.among(~people_beside(scene, targets, found.chosen))
 
 
 def select_by_mask(scene: Scene, mask: np.ndarray, frame: int, options: SelectOptions = DEFAULT) -> Selection:

@@ -288,7 +288,8 @@ class OutlineConfig:
     columns: int = 240
     """Their width in pixels; with 320 and 480 J is the same within .003."""
     rounds: int = 2
-    """The outlines of what is left are looked at again; with one round .880 and .887."""
+    """The outlines of what is left are looked at again. With one round a click on camel has .008 more J and one on blackswan .025
+    less, and more of what is beside a thing stays."""
     matte: MatteConfig = field(default_factory=lambda: MatteConfig(alike_behind=0.1, doubt=1.0))
     """Their refinement: over several views what looks like the background may be doubted more than in one. With (.07, 0), (.07, 1)
     and (.05, 2) the mattes have .888, .888 and .887."""

@@ -7,8 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.quality.selecting import boundary_f, box_of, innermost, outline, score_selecting, score_things
+from benchmarks.quality import selecting
+from benchmarks.quality.selecting import (
+    boundary_f,
+    box_of,
+    corrected,
+    innermost,
+    largest_error,
+    outline,
+    score_selecting,
+    score_things,
+)
 from benchmarks.quality.touching import clicks, drawn_things, touching_world, true_scene
+from f4x_core.query.selection import Selection
 from tests.core.labelled_scene import FRAMES, labelled_scene, square_mask
 
 THINGS = Path(__file__).parents[1] / "data" / "static_things.json"
@@ -57,7 +68,7 @@ def test_f_of_nothing():
 def test_every_way_to_select_is_scored():
     masks = {t: square_mask(float(t)) for t in range(FRAMES)}
     rows = score_selecting(labelled_scene(), masks, "square")
-    assert set(rows) == {"mask", "mask on the graph", "click", "box", "nothing", "word"}
+    assert set(rows) == {"mask", "mask on the graph", "click", "three clicks", "box", "nothing", "word"}
     # Of pixels that the square covers in part, a refined outline may take some more.
     assert all(row["F"] == 1 and row["worst J"] > 0.98 for row in rows.values())
     refused = score_selecting(labelled_scene(), masks, "unicorn")["word"]
@@ -69,7 +80,35 @@ def test_things_that_stand_are_scored_on_their_frame(tmp_path):
     thing = {"frame": 0, "name": "wall", "outline": [[2, 2], [62, 2], [62, 38], [2, 38]]}
     file.write_text(json.dumps([thing | {"clip": "labelled"}, thing | {"clip": "another"}]))
     (row,) = score_things(labelled_scene(), file, "labelled")
-    assert row["thing"] == "wall" and 0 <= row["click"] <= 1 and 0 <= row["box"] <= 1
+    assert row["thing"] == "wall" and all(0 <= row[name] <= 1 for name in ("click", "three clicks", "box"))
+
+
+def test_the_largest_error_that_a_hand_can_hit():
+    truth, drawn = np.zeros((2, 40, 60), bool)
+    truth[10:30, 10:30] = True
+    drawn[10:30, 12:30] = True  # two columns are missing
+    drawn[0:8, 40:60] = True
+    part, missing = largest_error(drawn, truth)
+    assert not missing and part.sum() == 160 and part[:8, 40:].all()
+    part, missing = largest_error(drawn & False, truth)
+    assert missing and (part == truth).all()
+    drawn[0:8, 40:60] = False
+    assert largest_error(drawn, truth) is None
+
+
+def test_further_clicks_correct_the_first(monkeypatch):
+    """The first click misses the left half of the square; the second is made there, and says that it is missing."""
+    scene, truth, asked = labelled_scene(), square_mask(0.0), []
+    left = scene.posed(0.0).means[:, 0] < -0.2
+    whole = scene.moving
+
+    def by_points(scene, points, frame, on):
+        asked.append((len(points), on[-1]))
+        chosen = whole if len(points) > 1 else whole & ~left
+        return Selection(scene.ids, chosen.astype(float), np.zeros(len(chosen), bool))
+
+    monkeypatch.setattr(selecting, "select_by_points", by_points)
+    assert (corrected(scene, truth, 0, 3).chosen == whole).all() and asked == [(1, True), (2, True)]
 
 
 def test_outlines_of_things_that_stand_lie_in_their_clips():

@@ -14,7 +14,7 @@ from f4x_core.cli import main
 from f4x_core.clip import Clip, write_images
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.features import offline, teachers, text, weights
-from f4x_core.features.classes import image_classes, kinds_of
+from f4x_core.features.classes import image_classes, is_of_a_kind, kinds_of
 from f4x_core.features.minilm import MAX_TOKENS
 from f4x_core.features.precomputed import LIMIT
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size, resize_map
@@ -281,6 +281,16 @@ def test_imagenet_names_are_in_the_order_of_the_logits():
 )  # fmt: skip
 def test_names_of_classes_tell_the_kind(name, kinds):
     assert kinds_of(name) - {name} == kinds
+
+
+@pytest.mark.parametrize("name", ["horse", "the white horses", "swan", "scooter", "bike", "cars", "boat"])
+def test_animals_and_vehicles_are_of_a_kind(name):
+    assert is_of_a_kind(name)
+
+
+@pytest.mark.parametrize("name", ["hat", "red shirt", "person", "ball", "hot dog", "toy car seat"])
+def test_what_people_are_wear_or_hold_is_of_none(name):
+    assert not is_of_a_kind(name)
 
 
 def test_classes_lean_towards_their_kind():

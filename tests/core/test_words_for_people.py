@@ -1,10 +1,11 @@
 """Words for people and parts of the body, by what a fit stored for every Gaussian."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
+from labelled_scene import FRAMES, HEIGHT, LABELS, VECTORS, WIDTH, labelled_scene, square_mask
 from people_scene import people_scene
 
 from f4x_core.edit.apply import with_operations
@@ -17,9 +18,9 @@ from f4x_core.errors import F4xError
 from f4x_core.fit.people import nearest_part, with_people_of
 from f4x_core.priors.joints import LIMBS
 from f4x_core.query import prompts
-from f4x_core.query.prompts import SelectOptions, select_by_points
+from f4x_core.query.prompts import SelectOptions, select_by_points, select_by_text
 from f4x_core.query.questions import answer
-from f4x_core.scene import read_scene, write_scene
+from f4x_core.scene import Vocabulary, read_scene, write_scene
 from f4x_core.scene.people import PARTS, People, from_left, people_of, with_people
 
 
@@ -94,6 +95,29 @@ def test_a_click_on_a_person_means_the_person():
     row, column = np.argwhere(square_mask(0)).mean(0)
     found = select_by_points(scene, [(column, row)], 0)
     assert np.array_equal(found.chosen, people_of(scene).person == 1)
+
+
+def scene_with_rider(label, tagged):
+    """The moving square answers to `label`, and the first fraction `tagged` of its Gaussians is a known person's."""
+    scene = labelled_scene()
+    words = Vocabulary((label, *LABELS[1:]), VECTORS.astype(np.float16))
+    person = np.zeros(len(scene.ids), np.uint8)
+    moving = np.flatnonzero(scene.moving)
+    person[moving[: round(tagged * len(moving))]] = 1
+    scene = replace(scene, features=replace(scene.features, vocabularies={"words": words}))
+    return with_people(scene, People(person, person * 0))
+
+
+@pytest.mark.parametrize(
+    ("label", "tagged", "left_out"), [("horse", 0.4, True), ("horse", 0.6, False), ("hat", 0.4, False)]
+)
+def test_a_word_for_an_animal_leaves_its_rider_out(label, tagged, left_out):
+    """Unless most of what it finds is the person's; what people wear is theirs."""
+    scene = scene_with_rider(label, tagged)
+    found = select_by_text(scene, [label]).chosen
+    person = people_of(scene).person == 1
+    assert found[scene.moving & ~person].all() and not found[~scene.moving].any()
+    assert (found & person).sum() == (0 if left_out else person.sum())
 
 
 @pytest.mark.parametrize("tagged", [0.4, 0.6])
