@@ -160,10 +160,10 @@ class Search:
             if command.make is LEVEL and not complained:
                 continue
             ways: list[dict[str, Any]] = [{}]
-            if before and command is before.command and "verb" in command.needed & before.slots.keys():
-                ways.append({"verb": before.slots["verb"]})  # which need not be said again
+            if before and command is before.command:  # what need not be said again
+                ways += [{name: before.slots[name]} for name in ("verb", "quality") if name in command.needed & before.slots.keys()]
             for given in ways:
-                price = order / 500 + bool(given)
+                price = order / 500 + ("verb" in given)
                 for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
                     limit = best[end].cost - price if end in best else math.inf
                     if fitting := _first_made(found, limit, command, given, needed):
@@ -231,7 +231,7 @@ def _first_made(
         if cover.cost >= limit:
             return None
         # "And the cat" alone says no more than whom and belongs to the clause before it.
-        more = not given or cover.values.keys() & ((needed | {"when"}) - {"verb", "who"})
+        more = not given or cover.values.keys() & ((needed | {"when", "way"}) - {"verb", "who"})
         if more and _can_be_made(command, {**given, **cover.values}):
             return cover
     return None

@@ -41,7 +41,7 @@ from ..language.lexicon import (
     written,
 )
 from ..language.refusal import Doubt, Final, Refusal, Slip
-from ..language.times import HALF_WAY, START, Span, TimeExpression
+from ..language.times import HALF_WAY, NOW, START, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .change import Change
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
@@ -410,6 +410,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Clause | None:
 def _operations(clauses: Clauses, context: SentenceContext, before: Clause | None = None) -> Iterator[Change]:
     """Yield the operations of clauses; `before`: the command before them."""
     front: Span | None = None
+    then = NOW
     topics: list[SelectKind] = []
     for at, clause in enumerate(clauses := _shared(clauses, context.overall)):
         command, piece = clause.command, clause.slots
@@ -438,6 +439,9 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Clause | Non
         before = clause._replace(command=command, slots=piece)
         topics = [*topics, who] if clause.gapped else [who]
         time = own or front or _time_behind(clauses, at)
+        if time and time.kind == "later":
+            time = Span(then.plus(time.start), None, "from")
+        then = time.start if time else then
         settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))
         for operation in _made(command, piece, who, settled, context, assumed):
             if operation.SEEN == "in copies":

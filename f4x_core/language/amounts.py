@@ -276,6 +276,7 @@ distance = either(
     >> (lambda: Distance(1.0)),
     _say("<_by> [<number>|<fraction>] (a|of a) [unit|units|world units|world unit]")
     >> (lambda x: Distance(x, "world")),
+    _say("<_by> <number> [pixel|pixels|px]") >> (lambda x: Distance(x, "pixels")),
     _say("by <percent>") >> Distance,
     _say("by <number>") >> (lambda x: Distance(x, "world")),
 )

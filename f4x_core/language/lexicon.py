@@ -31,7 +31,7 @@ SPELLING = _table(
     "are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
     "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
     "and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe copy, dup copy, "
-    "ctr center, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd foreground, whichever which"
+    "ctr center, cw clockwise, ccw counterclockwise, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd foreground, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
@@ -353,6 +353,10 @@ FUNCTION_WORDS = word_set(
 
 
 WHICH = {
+    "top left|upper left|upper left hand": "top left",
+    "top right|upper right|upper right hand": "top right",
+    "bottom left|lower left|lower left hand": "bottom left",
+    "bottom right|lower right|lower right hand": "bottom right",
     "left|leftmost|left most|left hand|far left": "left",
     "right|rightmost|right most|right hand|far right": "right",
     "top|topmost|upper|uppermost|highest|top most": "top",

@@ -240,7 +240,7 @@ _end = _say.table({"<camera>": (), "<_name>": lambda name: (name,)})
 def _span_at(reading: Reading, at: int) -> Iterator[tuple[int, Span]]:
     for end, (found,) in span.at(reading, at).items():
         alone = "only" in (reading.word(at), reading.word(end - 1))  # what holds at other times is not computed
-        if found.kind not in ("always", "length") and reading.word(end - 1) != "here" and not alone:
+        if found.kind not in ("always", "length", "later") and reading.word(end - 1) != "here" and not alone:
             yield end, found
 
 
