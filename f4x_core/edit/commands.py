@@ -116,6 +116,7 @@ ADDS_NOTHING = either(
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("to") + here(lambda reading, at: reading.word(at) in IMPERATIVES),
     literal("instead") + unless(literal("of")),
+    literal("(with) (the|its|his|her) [shadow|shadows|reflection|reflections] [included|inclusive|and all]"),
     literal("afterward|after that|from then on|thereafter") + here(lambda reading, at: at == len(reading.tokens)),
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]") + over,
     literal(

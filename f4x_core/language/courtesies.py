@@ -22,7 +22,7 @@ CALLS = literal(
 """Calls, thanks, interjections and hedges: they add nothing to an edit or a question."""
 WISHES = literal(
     "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|would you "
-    "mind|do you mind|shall we|what if|what about|how about|how [do|can|would|could|does] [i|you|we|one] (go about)|why (do not "
+    "mind|do you mind|shall we|what if|what about|how about|[can|could|would|will] not [you|we|i]|how [do|can|would|could|does] [i|you|we|one] (go about)|why (do not "
     "you|not)|is there [a|any] way to|[is it|would it be] [possible|okay|fine|all right|cool|nice|great] (to|for|if [you|we|i])|"
     "(is there) any chance (of|that|you [can|could])|quickly|(i|we) [want|wanted|need|wish|prefer] (you)|(i|we) [would|should] (so|"
     "really|just|love) [like|love|prefer|rather|appreciate] (you) (to [see|have|get]|that|it if|if)|[i|we] would (rather have)|i "

@@ -31,40 +31,18 @@ SPELLING = _table(
     "are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
     "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
     "and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe copy, dup copy, "
-    "ctr center, cw clockwise, ccw counterclockwise, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd foreground, whichever which"
+    "ctr center, cw clockwise, ccw counterclockwise, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd "
+    "foreground, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
-_WRITTEN: tuple[tuple[str, str], ...] = (
-    (r"\b((?!over\b|ever\b|fainter\b)\w+er) and \1\b", r"gradually \1"),
-    (r"^(\W*)(?:(can)['’]?t|(could|should|would)n['’]?t) (?=(?:we|you|i|the|it|they|my|that|this)\b)", r"\1\2\3 "),
-    (r"\breappear(s|ed|ing)?\b", r"come\1 back"),
-    (r"(?<=\d)½", ".5"),
-    (
-        r"^(\W*)nothing (?:else )?(should|must|may|shall|is to|can) (.+?),? (?:except|but|other than|besides|apart from)(?: for)? "
-        r"([^,.]+)",
-        r"\1only \4 \2 \3",
-    ),
-    (
-        r"\b(no|without(?: any| a| the)?|(?:do not|don['’]?t) (?:want|need|like)(?: to see)?) ([\w ]{2,40}?) n?or (?!not\b)",
-        r"\1 \2 and ",
-    ),
-    (r"\b(?:hex|html)(?: colou?r| code)?:? *#?(?=[0-9a-f]{6}\b)", "#"),
-    (r"\b(?:nobody|no ?one|nothing|none)(?: else| other)? (?:but|except(?: for)?|than|besides|apart from)\b", "only"),
-    (r"\b(the|a|my|to|is|it|in|on|of|and|i|we) \1\b", r"\1"),
-    (r"[, ]+(?:and )?(?:the |its |his |her )?(shadow|reflection)s? (?:included|inclusive|and all)\b", r" with its \1"),
-)
-"""(pattern, what is read instead): "½", "nothing but the dog", "shadow included"."""
 _RGB = re.compile(r"(?:\brgb\b[ :=]*\(?|\() *(\d{1,3})[ ,;]+(\d{1,3})[ ,;]+(\d{1,3})\b *\)?", re.IGNORECASE)
 """A colour in three numbers: "rgb(255, 0, 0)"."""
 
 
 def written(sentence: str) -> str:
-    """Return the sentence with colors in three numbers as hexadecimal digits, and a few constructions in other words."""
-    sentence = _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
-    for pattern, instead in _WRITTEN:
-        sentence = re.sub(pattern, instead, sentence, flags=re.IGNORECASE)
-    return sentence
+    """Return the sentence with colors in three numbers as hexadecimal digits."""
+    return _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
 
 
 _CONTRACTED = _table(

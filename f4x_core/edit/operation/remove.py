@@ -154,7 +154,7 @@ class Extract(Removal):
             only=say.phrase(
                 "(on) [{isolate}|[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|"
                 "would like] (to see)|only|just|solely|on [its|his|her|their] own|by itself|all by itself|"
-                "soloed|in isolation|isolated|nothing else|and nothing else|no one else|and nobody else|"
+                "soloed|in isolation|isolated|[nothing|nobody|no one|none] (else) [but|except (for)|other than]|nothing else|and nothing else|no one else|and nobody else|"
                 "exclusively]"
             )
             | say.literal("alone") + say.here(lambda reading, at: leaving.isdisjoint(reading.words)),
