@@ -161,7 +161,11 @@ class Search:
                 continue
             ways: list[dict[str, Any]] = [{}]
             if before and command is before.command:  # what need not be said again
-                ways += [{name: before.slots[name]} for name in ("verb", "quality") if name in command.needed & before.slots.keys()]
+                ways += [
+                    {name: before.slots[name]}
+                    for name in ("verb", "quality")
+                    if name in command.needed & before.slots.keys()
+                ]
             for given in ways:
                 price = order / 500 + ("verb" in given)
                 for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():

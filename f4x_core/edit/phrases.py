@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Concatenate, NamedTuple, ParamSpec
 
-from ..language.cast_words import is_cast
 from ..language.amounts import VIEWER, direction, number, number_at
+from ..language.cast_words import is_cast
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
 from ..language.compounds import is_adjective
@@ -918,8 +918,8 @@ untouched = literal(
 """Words for a thing that stays as it is."""
 _of_cast = here(lambda reading, at: any(map(is_cast, reading.words[at : at + 4])))
 _sparing = _say(
-    "((,) [but|and|yet|while]) [(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|"
-    "exclude|omit|omitting] (only|just)|[hold|holding] <_of_cast>|[not|without] [affecting|changing|touching|including]|do not [affect|"
+    "((,) [but|and|yet|while]) [(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|exclude|omit|"
+    "omitting] (only|just)|[hold|holding] <_of_cast>|[not|without] [affecting|changing|touching|including]|do not [affect|"
     "change|touch|include]] (the [color|colors] of)"
 )
 _spared_after = (

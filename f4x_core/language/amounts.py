@@ -243,19 +243,6 @@ direction = (
     )
     + _WITHIN
 )
-beside = table(
-    {
-        "(right) [next to|beside|alongside] [it|him|her|them|itself|the original]": (1, 0, 0),
-        "behind [it|him|her|them|itself|the original]": (0, 0, 1),
-        "in front of [it|him|her|them|itself|the original]": (0, 0, -1),
-        "above [it|him|her|them|itself|the original]": (0, -1, 0),
-        "[below|under|underneath] [it|him|her|them|itself|the original]": (0, 1, 0),
-        "(to the) left of [it|him|her|them|itself|the original]": (-1, 0, 0),
-        "(to the) right of [it|him|her|them|itself|the original]": (1, 0, 0),
-    }
-)
-
-
 _body = keyword(
     "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
 )
@@ -284,7 +271,5 @@ _no_way = literal("right [now|away|here|there|after|before|from|until]")
 _step = _say("<distance?> !<_no_way> <direction> <_far?>", _far=distance | percent >> Distance)
 
 
-steps = either(
-    listed(_step, keyword("and|,|, and|and then|and also") | NOTHING), beside >> (lambda way: ((None, way, None),))
-)
+steps = listed(_step, keyword("and|,|, and|and then|and also") | NOTHING)
 """`Steps` of "a bit to the left and up by 2 widths"."""

@@ -19,21 +19,21 @@ def _table(text: str) -> dict[str, str]:
 
 
 SPELLING = _table(
-    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, annd and, "
-    "& and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, colouring "
-    "coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour decolor, grey gray, "
-    "greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, till until, til until, "
-    "onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards downward, backwards backward, "
-    "forwards forward, afterwards afterward, wanna want, colur color, coulor color, gonna going, gimme give, metre meter, metres "
-    "meters, centimetre centimeter, centimetres centimeters, recognise recognize, summarise summarize, desaturise desaturate, "
-    "colourise colorize, colourize colorize, colorise colorize, greyed grayed, u you, ur your, gotta to, tyre tire, tyres tires, "
-    "neighbour neighbor, neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru through, "
-    "travelling traveling, travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer your, r "
-    "are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
-    "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
-    "and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe copy, dup copy, "
-    "ctr center, cw clockwise, ccw counterclockwise, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd "
-    "foreground, whichever which"
+    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, annd "
+    "and, & and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, colouring "
+    "coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour decolor, grey "
+    "gray, greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, till until, til "
+    "until, onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards downward, backwards "
+    "backward, forwards forward, afterwards afterward, wanna want, colur color, coulor color, gonna going, gimme give, metre "
+    "meter, metres meters, centimetre centimeter, centimetres centimeters, recognise recognize, summarise summarize, desaturise "
+    "desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, u you, ur your, gotta to, tyre tire, "
+    "tyres tires, neighbour neighbor, neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru "
+    "through, travelling traveling, travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer "
+    "your, r are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics "
+    "picture, cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, "
+    "bout about, n and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe "
+    "copy, dup copy, ctr center, cw clockwise, ccw counterclockwise, percents percent, bcuz because, em them, opac opacity, "
+    "backgrnd background, foregrnd foreground, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
@@ -61,7 +61,9 @@ _OTHERS = _table(
     "a lot, abit a bit, lemme let me, gimme give me, bnw black and white, bw black and white, semitransparent semi transparent, "
     "tryna trying to, dunno do not know"
 )
-_CUT = {stem + end.split()[0]: f"{stem} {end.split()[1]}" for end, stems in _CONTRACTED.items() for stem in stems.split()}
+_CUT = {
+    stem + end.split()[0]: f"{stem} {end.split()[1]}" for end, stems in _CONTRACTED.items() for stem in stems.split()
+}
 _NO_CONTRACTIONS = word_set("its were ill well hell shell id shed wed whore")
 CONTRACTIONS: dict[str, tuple[str, ...]] = {
     form: tuple(long.split())

@@ -128,7 +128,13 @@ def pick_object(
     owner, _ = split_objects(posed, rows, known)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
     pixels, depth = camera.project(centres_of(posed.means[rows], owner, surface))
-    places = {"middle": (0.5, 0.5), "top left": (0, 0), "top right": (1, 0), "bottom left": (0, 1), "bottom right": (1, 1)}
+    places = {
+        "middle": (0.5, 0.5),
+        "top left": (0, 0),
+        "top right": (1, 0),
+        "bottom left": (0, 1),
+        "bottom right": (1, 1),
+    }
     size = (camera.width, camera.height)
     keys = {
         "left": pixels[:, 0],

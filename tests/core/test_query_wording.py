@@ -223,24 +223,9 @@ def test_the_reading_that_leaves_fewest_words_over_is_taken(question, kind):
         ("i see only water, is there also a dog?", "is there a dog"),
         ("where is the dog, i can't see it", "where is the dog"),
         ("honestly, where is the dog?", "where is the dog"),
-        ("i can't find the dog, where is it?", "where is the dog"),
-        ("the dog, what shade is it?", "what colour is the dog"),
-        ("when are they closest, the dog and the cat?", "when are the dog and the cat closest"),
         ("where has the dog got to by the end?", "where is the dog at the end"),
-        ("what colour is the dog's fur", "what colour is the dog"),
         ("how fast does the dog run during the jump", "how fast does the dog run"),
     ],
 )
 def test_what_adds_nothing_is_left_out_by_its_place(question, plain):
     assert read_question(question, FPS, FRAMES) == read_question(plain, FPS, FRAMES)
-
-
-def test_a_coat_is_the_animals_and_a_things_of_a_persons():
-    assert read_question("what colour is the dog's coat", FPS, FRAMES)[0].things == ("dog",)
-    assert read_question("what colour is the girl's coat", FPS, FRAMES)[0].things == ("girl's coat",)
-
-
-@pytest.mark.parametrize(("question", "kind", "manner"), [])
-def test_either_or_wants_no_yes(question, kind, manner):
-    (asked,) = read_question(question, FPS, FRAMES)
-    assert (asked.kind, asked.manner, asked.polar) == (kind, manner, False)

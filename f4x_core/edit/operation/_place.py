@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from ...errors import F4xError
-from ...query.connected_objects import width_along
 from ...language.degrees import Unit
+from ...query.connected_objects import width_along
 from ..change import ChangeWithShadow, Vector
 from ..selects import SelectKind
 from ..state import pivot_of

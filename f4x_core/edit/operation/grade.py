@@ -96,7 +96,8 @@ class Grade(ColorChange):
         qualities = (
             say.Quality(graded(grade("gamma"), gone=False), more="", less="", much="", little="", noun="gamma"),
             say.Quality(
-                graded(grade("contrast")), "punchier|crisper", "flatter", much="contrasty|contrastful|punchy|contrasted", little="flat",
+                graded(grade("contrast")), "punchier|crisper", "flatter",
+                much="contrasty|contrastful|punchy|contrasted", little="flat",
                 noun="contrast", lack="flatness", too="harsh|hard|contrast", wished=True,
             ),
             say.Quality(

@@ -99,7 +99,8 @@ class Freeze(Retiming):
             lag=f"{lag} (in time|later|late|behind)",
         )  # fmt: skip
         late = say.command(
-            "start the dog half a second later", delayed, "verb lag", say.NAMED, _playing(), verb="{=start/begin/come/run/enter/set off/play/move}",
+            "start the dog half a second later", delayed, "verb lag", say.NAMED, _playing(),
+            verb="{=start/begin/come/run/enter/set off/play/move}",
             lag=f"{lag} [later|late|behind|after that]",
         )  # fmt: skip
         return say.Sentences((freeze, delay, late))
