@@ -52,7 +52,6 @@ from .phrases import SentenceContext, When, several_placed, together
 from .refusals import NO_EDIT, UNCLEAR, UNSURE, reason_of
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
-from .which import removes
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
@@ -173,7 +172,7 @@ def _settled(read: Read, context: SentenceContext, before: Clause | None) -> tup
     operations = operations or context.complaints
     if not operations:
         raise Refusal("Nothing is said that could be done.")
-    if any(map(removes, operations)) and _holds(several_placed, read.reading):
+    if any(one.removes for one in operations) and _holds(several_placed, read.reading):
         raise Refusal(
             "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the people'."
         )
@@ -238,7 +237,7 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
     whole = bool(better.clauses) and not better.idle
     if whole or _slip(better.reading, False):
         thing = any(word in words for words in known)
-        sure = whole and not thing and is_slip(wrong.text, word) and not any(map(removes, better.operations))
+        sure = whole and not thing and is_slip(wrong.text, word) and not any(one.removes for one in better.operations)
         raise (Slip if sure else Doubt)(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
@@ -248,7 +247,7 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
     words = sum(token.is_word for token in read.reading.tokens)
     if not read.operations or reason_of(UNSURE, read.reading) or 2 * len(read.idle) > words:
         return
-    if any(map(removes, read.operations)) or any(_is_a_verb(read.reading, at) for at in read.idle):
+    if any(one.removes for one in read.operations) or any(_is_a_verb(read.reading, at) for at in read.idle):
         return
     if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
@@ -288,7 +287,7 @@ def _without_idle(read: Read) -> Doubt:
 def _ask_before_removing(read: Read) -> None:
     """Raise Refusal or `Doubt` where something is no longer seen and a word is left unexplained that may say whether or what."""
     words = read.reading.words
-    if not any(map(removes, read.operations)) or {words[at] for at in read.idle} <= EMPTY | {"the"}:
+    if not any(one.removes for one in read.operations) or {words[at] for at in read.idle} <= EMPTY | {"the"}:
         return
     # An unknown thing with an article may be what is to be removed: "the graffiti".
     at = next((at for at in read.idle if words[at] in ("the", "my", "that", "those") and at + 1 in read.idle), None)
@@ -693,7 +692,9 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
         and (not there or len({*_EXAMPLE_THING.findall(command.example)}) <= len(named or there))
     ]
     done = {example: operations_of(example, there) for example in examples}
-    fitting = [example for example, does in done.items() if does and does != asked and not any(map(removes, does))]
+    fitting = [
+        example for example, does in done.items() if does and does != asked and not any(one.removes for one in does)
+    ]
     return tuple(fitting[:MOST_EXAMPLES])
 
 
