@@ -335,15 +335,7 @@ COMMANDS: list[Command] = [
     ),
     command(
         "and nothing else", REMARK, "nothing", WHOLE,
-        nothing="[keep|keeping|retain|without changing|do not change|leave] [its|the|their] (original|current|"
-                "own) [color|colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|"
-                "moves|should change])|nothing more|that is [all|it]|only that|[keep|leave] the rest|the "
-                "[rest|others] ([can|may|should|must]) [stay|stays|remain|remains|is|are] (there|fine|as [it|"
-                "they] [is|are])|(its|the|their) [position|place|size|color|colors|speed|look] [stays|"
-                "remains] [untouched|unchanged|the same|as it is]|(then) let [it|him|her|them] ([go|keep]) "
-                "[continue|resume|"
-                "{=go/come/carry/walk/move/run/drive/ride/swim/fly/roll/jump/dance/jog/play/skate/sail}] (on|"
-                "again|as before)",
+        nothing="nothing else ([changes|moves|should change])|nothing more|that is [all|it]|only that",
     ),
 ]  # fmt: skip
 """In the order in which they are preferred."""

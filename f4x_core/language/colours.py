@@ -37,7 +37,6 @@ def _whole_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
         yield end, one
 
 
-GRAY: Colour = COLOURS["gray"]
 _REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
 _REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
 _REDDISH = {name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")}
