@@ -144,7 +144,7 @@ class Search:
     def _clauses(self, start: int, before: Clause | None) -> dict[int, Found]:
         """Return the cheapest clause from word `start` to each later word; its verb may be that of the clause `before`."""
         key = start, id(before and before.command)
-        complained = before and before.command.make is REMARK and before.slots.keys() & {"complaint", "excess"}
+        complained = before and before.command.make is REMARK and "complaint" in before.slots
         if key in self.at:
             return self.at[key]
         best = self.at[key] = {}

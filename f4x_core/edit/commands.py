@@ -309,11 +309,6 @@ COMMANDS: list[Command] = [
                  "the ground|in place|where it is|where they are])",
     ),
     command(
-        "the contrast of the dog is too high", REMARK, "excess quality", quality=_quality_noun,
-        excess=phrase("(is|are|looks|look|seems|seem|feels|,) (a bit|a little|way|far|much) too <much>", much=table(
-            {"high|strong|much|hard|intense|heavy|big|large": True, "low|weak|little|soft|small": False}, reserve=False)),
-    ),
-    command(
         "the dog is too dark", REMARK, "complaint", who=~literal("on|in|for") + _complained,
         complaint=phrase(
             "[is|are|'s|looks|look|seems|seem|feels|reads] <rather>|(is|are|'s|looks|look|seems|seem|feels|"

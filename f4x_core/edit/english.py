@@ -293,7 +293,6 @@ _late = keyword(
     "in the future|offset (each)|(of) [delay|lag]|apart (each)|(in) between ((each of) [them|each (one)|the copies])|from [each "
     "other|one another]|on its path|along (its|the same) path"
 )
-_early = keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
 _following = keyword(
     f"(that|to) [{_lagging}|runs|walks|moves] ([behind|after]) {_behind}|(that|to) [{_lagging}] [behind|after]|that [{_lagging}]|"
     "follow|trail"
@@ -303,7 +302,6 @@ TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 SHIFT = either(
     _copies + _coming + duration + ~_late,
     _copies + ~keyword("each (one)") + duration + _late,
-    _copies + ~_coming + duration + _early >> (lambda length: length.plus(length, -2.0)),
     _copies + keyword("[a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
     ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
 )

@@ -535,12 +535,7 @@ def _levelled(clauses: Clauses) -> list[Clause]:
     done: list[Clause] = []
     for clause in clauses:
         slots = clause.slots
-        if "excess" in slots:
-            quality, of_it = slots["quality"]
-            clause = clause._replace(
-                slots={**slots, "complaint": Remedy(quality.changed, slots["excess"] is not of_it)}
-            )
-        elif clause.command.make is LEVEL:
+        if clause.command.make is LEVEL:
             complained = done.pop().slots
             remedy = complained["complaint"]
             if not isinstance(remedy, Remedy) or remedy.upward is not slots["up"]:
@@ -653,10 +648,7 @@ def _unknown_word(reading: Reading) -> str:
     things = {word for words in reading.known for word in words}
     for at, token in enumerate(reading.tokens):
         if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS):
-            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | things)
-            return f"I do not understand '{reading.text_of(at, at + 1)}'" + (
-                f"; did you mean '{close}'?" if close else "."
-            )
+            return f"I do not understand '{reading.text_of(at, at + 1)}'."
     return ""
 
 

@@ -177,6 +177,7 @@ gap: (the) depth (of)|how deep (in (the) <.pictures>)|how [far|close|near] (away
     distance|how many units
 least: (the|<.at-its>) [shortest|smallest|minimum|min|minimal|closest|least|nearest|lowest]|at the [closest|nearest]
     (point)|when [it|he|she|they] (is|are|was|were|get|gets|come|comes) (the) [closest|nearest] (together)
+close: how [close|near]
 get: come|comes|get|gets|getting|coming|approach|<.plainly>
 together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
 big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the)
@@ -333,7 +334,7 @@ relation: where thing place-or stands? | where thing compared-to stands? | thing
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 distance extreme=max: most-far gap? thing other
-distance extreme=min: least gap pair | least gap thing other
+distance extreme=min: close thing get together | least gap pair | least gap thing other
 distance: gap thing other | gap pair | gap thing
 compare_size: by-factor bigger thing other | who bigger thing
 compare_size manner=bigger: big thing compared-to

@@ -49,7 +49,7 @@ KNOWN = {"brighter", "remove", "should", "contrast", "opacity", "background", "r
     ("typed", "meant"),
     [
         ("brigther", "brighter"), ("remvoe", "remove"), ("shoud", "should"), ("oppacity", "opacity"), ("edot", "edit"),
-        ("contarsts", "contrast"), ("nto", "not"), ("rider", None), ("bike", None), ("exit", None), ("power", None),
+        ("contarst", "contrast"), ("nto", "not"), ("rider", None), ("bike", None), ("exit", None), ("power", None),
         ("river", None),
     ],
 )  # fmt: skip

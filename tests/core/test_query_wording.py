@@ -46,8 +46,7 @@ relation + dog + bush: is the dog in front of or behind the bush? | where
 nearest + bush + dog: which bush is closest to the dog | which of the bush is nearest to the dog | what bush is the
     nearest one to the dog
 compare_size + bus + wagon: how many times larger is the bus than a wagon | is the bus bigger than the wagon | which
-    is bigger, the bus or the wagon? | how tall is the bus compared to the wagon | is the bus larger or smaller than
-    the wagon
+    is bigger, the bus or the wagon? | how tall is the bus compared to the wagon
 compare_speed + camel: which camel is the faster one | which camel goes fastest | which is the fastest camel
 biggest: What is the biggest object | which thing is the largest? | who is the tallest
 most_moving: which object has the most motion in it | what moves the most | which thing travels the greatest distance
@@ -62,7 +61,7 @@ leave + dog: when is the dog not visible any more | when is the dog not there an
 nearest_moment + dog + fence: when does the dog pass the fence | when does the dog pass in front of the fence? | at which
     second does the dog pass behind the fence
 motion + water: does the water move | is the water moving? | does the water flow
-stops + dog: does the dog ever stop | is the dog always moving | does the dog keep moving
+stops + dog: does the dog ever stop | is the dog always moving
 """
 """Kind and things: ways to ask for that."""
 WAYS = [
