@@ -32,7 +32,7 @@ from ..language.notation import Notation
 from ..language.refusal import Mismatch
 from ..language.times import TimeExpression, duration, span
 from ..language.verbs import IMPERATIVES, any_form, asked_form
-from .phrases import SentenceContext, beside_itself, everything_but, familiar, known_thing, name, place
+from .phrases import SentenceContext, beside_itself, everything_but, familiar, known_noun, known_thing, name, place
 from .phrases import there_already, thing, two_of_them, who_of, whose
 from .selects import All, SelectKind
 from .values import Given, Graded, Value

@@ -163,6 +163,11 @@ class Duplicate(Placing):
             ),
             **say.BESIDE_IT,
         )  # fmt: skip
+        more = say.command(
+            "one dog more", copied, "times extra", say.NAMED, say.known_noun, verb="{add}|there is|there are|be there",
+            times=say.number, extra="[more|extra|additional|again|further] (of the same (kind|sort)|like it|like that)",
+            **say.BESIDE_IT,
+        )  # fmt: skip
         another = say.command(
             "add another dog", copied, "times", say.NAMED, "(of) <known_thing>", verb="{add}|there is|there are|be there",
             times=say.phrase("<number> [more|other|extra|additional|further]")
@@ -173,7 +178,7 @@ class Duplicate(Placing):
             >> (lambda: 1.0),
             **say.BESIDE_IT,
         )  # fmt: skip
-        return say.Sentences((copy, another, _trailing(times, noun)))
+        return say.Sentences((copy, more, another, _trailing(times, noun)))
 
 
 def _trailing(times: Rule, noun: Rule) -> Command:
