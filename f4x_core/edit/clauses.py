@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+from ..language.amounts import number
 from ..language.colour_names import COLOURS
 from ..language.grammar import (
     NOTHING,
@@ -23,6 +24,7 @@ from ..language.grammar import (
     listed,
     literal,
     matches_of,
+    sign,
     silent,
     table,
 )
@@ -87,6 +89,9 @@ _do_it = here(lambda reading, at: reading.word(at) in IMPERATIVES and reading.wo
 _topic_before = _say(
     "<_about_whom> <thing> [<_do_it>|,|:|and|-|.]|<thing> [:|[,|-|->|=>|=|!] [<_pronoun_follows>|<_called_out>]]"
 ) >> (lambda who: Clause(TOPIC, {"who": who}))
+_bracket = sign(")")
+_number_of_item = _say("(step|item|edit|no|#) <.number> [<_bracket>|.|:]")
+_separator_or_number = _say.table({"<_separator> (<_number_of_item>)": lambda hard: hard, "<_number_of_item>": True})
 
 
 def _heading_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
@@ -100,7 +105,7 @@ def _heading_at(reading: Reading, at: int) -> Iterator[tuple[int, None]]:
 _MAX_HEADING = 2
 """Words of a heading."""
 _start = _say(
-    "(and|while|as) <_ends> (first|to begin with|to start with|for starters) <_topic?>",
+    "(and|while|as) <_ends> (<_number_of_item>) (first|to begin with|to start with|for starters) <_topic?>",
     _topic=either(_filler + _topic_before, generated(_heading_at)),
 )
 _ONE_MORE, _RUN_ON, _IN_FRONT = 2, 7, 0.1
@@ -194,7 +199,7 @@ class Search:
             starts: dict[int, tuple[float, bool]] = {at: (0, False)}
             if _commands(done):
                 starts = {at: (_RUN_ON, False)}
-                starts |= {e: (_ONE_MORE, hard) for e, (hard,) in _separator.at(self.reading, at).items()}
+                starts |= {e: (_ONE_MORE, hard) for e, (hard,) in _separator_or_number.at(self.reading, at).items()}
             for begin, (price, hard) in starts.items():
                 for start, end, (cost, (clause,), idle) in self._next(
                     begin, done.clauses[-1] if _commands(done) else None

@@ -330,7 +330,9 @@ COMMANDS: list[Command] = [
     ),
     command(
         "and nothing else", REMARK, "nothing", WHOLE,
-        nothing="nothing else ([changes|moves|should change])|nothing more|that is [all|it]|only that",
+        nothing="nothing else ([changes|moves|should change])|nothing more|that is [all|it]|only that|(then) let "
+        "[it|him|her|them] ([go|keep]) [continue|resume|{=go/come/carry/walk/move/run/drive/ride/swim/fly/roll/jump/dance/jog/play"
+        "/skate/sail}] (on|again|as before)",
     ),
 ]  # fmt: skip
 """In the order in which they are preferred."""
