@@ -233,6 +233,8 @@ biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [more|most] [big|la
     [space|room|area|volume|mass]
 biggest = smallest: [smaller|tinier|shorter]|(the) [more|most] [small|little|tiny|short] (<.noun>)|(the) (very)
     [smallest|tiniest|shortest|littlest|narrowest] (<.noun>)|the smaller one
+brightest = brightest: (the) (very) [brightest|lightest] (<.noun>)|(the) [brighter|lighter] (one)
+brightest = darkest: (the) (very) [darkest|dimmest] (<.noun>)|(the) [darker|dimmer] (one)
 speediest = fastest: (the) [fastest|quickest|speediest] (moving) (<.noun>)|(the) [faster|quicker] (one)
 speediest = slowest: (the) [slowest] (moving) (<.noun>)|(the) slower (one)
 bigger = bigger: (much|the|a lot) <.big-er> (one|in size)|[{=take up/cover/fill/occupy}] (much) more
@@ -346,6 +348,7 @@ nearest: who nearer thing other | who nearest thing? other? stands? | nearest ot
 farthest: who farther thing other | who farthest thing? other? stands?
 most_moving: who move more thing? | who move most thing?
 biggest: who biggest thing? but?
+brightest: who brightest thing? but?
 compare_speed: speediest but? | who move? speediest thing?
 colour: which-color thing stands? comes?
 polar colour: thing color not?

@@ -133,7 +133,7 @@ class Comparison:
             "count": self._count, "count_moving": self._moving, "order": self._order, "relation": self._relation,
             "nearest": self._depths, "farthest": self._depths, "biggest": self._biggest, "still": self._still,
             "most_moving": self._most_moving, "stops": self._stops, "fast": self._speed, "path": self._path,
-            "when_turns": self._turns, "approach": self._approach, "compare_speed": self._faster,
+            "when_turns": self._turns, "approach": self._approach, "compare_speed": self._faster, "brightest": self._brightest,
         }[kind]()  # fmt: skip
 
     def _at(self, k: int) -> str:
@@ -225,6 +225,16 @@ class Comparison:
         word = "faster" if self.asked.manner in ("faster", "quicker", "fastest", "quickest") else "slower"
         speeds = ", ".join(f"{one.name} {speed:.2f}" for speed, one in mean[:NEIGHBOURS])
         return _polar(yes, f"{mean[0][1].name} is {word}; in times the median depth a second: {speeds}.")
+
+    def _brightest(self) -> str:
+        posed = self.scene.posed(float(self.times[0]))
+        light = {
+            one.name: float(np.average(spherical_harmonics.rgb_from_dc(posed.sh[one.rows, 0].astype(float)) @ LUMA,
+                                       weights=posed.opacities[one.rows] + 1e-6))
+            for one in self.things
+        }  # fmt: skip
+        name = (min if self.asked.manner == "darkest" else max)(light, key=lambda each: light[each])
+        return f"{name} is the {self.asked.manner or 'brightest'} thing, {light[name]:.0%} of white."
 
     def _rise(self) -> str:
         """Return the sentence about the height and the moment of a rise; a jump comes down again."""

@@ -501,11 +501,11 @@ def _note(name: str, word: str) -> str:
 OF_ONE = (*ONE_BY_ONE, "distance", "approach", "nearest_moment", "farthest_moment")
 """Kinds that need to know which thing is meant …"""
 COMPARED = {*OF_ONE} | word_set(
-    "compare_size compare_speed colour what_is count count_moving relation nearest farthest biggest most_moving behind"
+    "compare_size compare_speed colour what_is count count_moving relation nearest farthest biggest brightest most_moving behind"
     " in_front left_of right_of above below neighbours between still"
 )
 """… and all that compare things or moments."""
-OF_MANY = word_set("colour nearest farthest biggest most_moving compare_speed order count_moving still")
+OF_MANY = word_set("colour nearest farthest biggest brightest most_moving compare_speed order count_moving still")
 """Those of them that take any number of things."""
 SEEING = ("seen", "seeing")
 """Kinds that many views are looked at for …"""

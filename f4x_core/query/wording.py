@@ -357,7 +357,7 @@ _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_o
 """Relation -> the kind of question what stands so to a thing."""
 _BESIDE_ALL = {"in front of": "nearest", "behind": "farthest"}
 """The same of everything."""
-_MANY = word_set("nearest farthest biggest most_moving compare_speed order count_moving still")
+_MANY = word_set("nearest farthest biggest brightest most_moving compare_speed order count_moving still")
 """Kinds that can be about the single ones of a kind."""
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
@@ -527,7 +527,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
 
 
 _JOINED = ["place-of", "place-or", "passes-by", "closing-to", "compared-to"]
-_MANNERS = ["manner", "order-by", "biggest", "speediest", "bigger", "faster", "color", "place"]
+_MANNERS = ["manner", "order-by", "biggest", "brightest", "speediest", "bigger", "faster", "color", "place"]
 _MANNERS += ["farther-aside", "doing", "spot"]
 """Slots, the first that is filled: what says in which manner, or by which relation."""
 _OPPOSITE = {("fastest_moment", "slowest"): "slowest_moment", ("farthest_moment", "smallest"): "nearest_moment"}
