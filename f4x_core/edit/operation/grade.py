@@ -132,7 +132,12 @@ class Grade(ColorChange):
 
 def grade(quality: str) -> Making:
     """Return the function that makes a grade of a number for one of its fields."""
-    return lambda by: lambda who, when, _: Grade(who, **{quality: round(by, PLACES)}, **when.coming)
+
+    def made(by: float) -> Value:
+        number: dict[str, Any] = {quality: round(by, PLACES)}
+        return lambda who, when, _: Grade(who, **number, **when.coming)
+
+    return made
 
 
 def warmed(how: Amount | None, warmer: bool) -> Value:
