@@ -89,11 +89,8 @@ _do_it = here(lambda reading, at: reading.word(at) in IMPERATIVES and reading.wo
 _topic_before = _say(
     "<_about_whom> <thing> [<_do_it>|,|:|and|-|.]|<thing> [:|[,|-|->|=>|=|!] [<_pronoun_follows>|<_called_out>]]"
 ) >> (lambda who: Clause(TOPIC, {"who": who}))
-_bracket, _verb = sign(")"), here(lambda reading, at: reading.word(at) in IMPERATIVES - FUNCTION_WORDS)
-_number_of_item = _say(
-    "(step|part|item|task|edit|point|number|no|#) <.number> [<_bracket>|.|:]|[step|part|item|task|edit|point] <.number> (,)|"
-    "[first|second|third|fourth|last] (,) <_verb>"
-)
+_bracket = sign(")")
+_number_of_item = _say("(step|item|edit|no|#) <.number> [<_bracket>|.|:]")
 _separator_or_number = _say.table({"<_separator> (<_number_of_item>)": lambda hard: hard, "<_number_of_item>": True})
 
 
@@ -152,7 +149,7 @@ class Search:
     def _clauses(self, start: int, before: Clause | None) -> dict[int, Found]:
         """Return the cheapest clause from word `start` to each later word; its verb may be that of the clause `before`."""
         key = start, id(before and before.command)
-        complained = before and before.command.make is REMARK and before.slots.keys() & {"complaint", "excess"}
+        complained = before and before.command.make is REMARK and "complaint" in before.slots
         if key in self.at:
             return self.at[key]
         best = self.at[key] = {}
@@ -160,10 +157,14 @@ class Search:
             if command.make is LEVEL and not complained:
                 continue
             ways: list[dict[str, Any]] = [{}]
-            if before and command is before.command and "verb" in command.needed & before.slots.keys():
-                ways.append({"verb": before.slots["verb"]})  # which need not be said again
+            if before and command is before.command:  # what need not be said again
+                ways += [
+                    {name: before.slots[name]}
+                    for name in ("verb", "quality")
+                    if name in command.needed & before.slots.keys()
+                ]
             for given in ways:
-                price = order / 500 + bool(given)
+                price = order / 500 + ("verb" in given)
                 for end, found in covers(matches, needed - given.keys(), self.gaps, start).items():
                     limit = best[end].cost - price if end in best else math.inf
                     if fitting := _first_made(found, limit, command, given, needed):
@@ -231,7 +232,7 @@ def _first_made(
         if cover.cost >= limit:
             return None
         # "And the cat" alone says no more than whom and belongs to the clause before it.
-        more = not given or cover.values.keys() & ((needed | {"when"}) - {"verb", "who"})
+        more = not given or cover.values.keys() & ((needed | {"when", "way"}) - {"verb", "who"})
         if more and _can_be_made(command, {**given, **cover.values}):
             return cover
     return None

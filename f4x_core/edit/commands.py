@@ -116,6 +116,7 @@ ADDS_NOTHING = either(
     literal(",|:|->|=>|=|-|!|(|)"),
     literal("to") + here(lambda reading, at: reading.word(at) in IMPERATIVES),
     literal("instead") + unless(literal("of")),
+    literal("(with) (the|its|his|her) [shadow|shadows|reflection|reflections] [included|inclusive|and all]"),
     literal("afterward|after that|from then on|thereafter") + here(lambda reading, at: at == len(reading.tokens)),
     literal("(up|down) [on|around|about|to|with] [it|him|her|them]") + over,
     literal(
@@ -308,11 +309,6 @@ COMMANDS: list[Command] = [
                  "the ground|in place|where it is|where they are])",
     ),
     command(
-        "the contrast of the dog is too high", REMARK, "excess quality", quality=_quality_noun,
-        excess=phrase("(is|are|looks|look|seems|seem|feels|,) (a bit|a little|way|far|much) too <much>", much=table(
-            {"high|strong|much|hard|intense|heavy|big|large": True, "low|weak|little|soft|small": False}, reserve=False)),
-    ),
-    command(
         "the dog is too dark", REMARK, "complaint", who=~literal("on|in|for") + _complained,
         complaint=phrase(
             "[is|are|'s|looks|look|seems|seem|feels|reads] <rather>|(is|are|'s|looks|look|seems|seem|feels|"
@@ -334,15 +330,9 @@ COMMANDS: list[Command] = [
     ),
     command(
         "and nothing else", REMARK, "nothing", WHOLE,
-        nothing="[keep|keeping|retain|without changing|do not change|leave] [its|the|their] (original|current|"
-                "own) [color|colors|size|shape|position|place|speed|look|brightness]|nothing else ([changes|"
-                "moves|should change])|nothing more|that is [all|it]|only that|[keep|leave] the rest|the "
-                "[rest|others] ([can|may|should|must]) [stay|stays|remain|remains|is|are] (there|fine|as [it|"
-                "they] [is|are])|(its|the|their) [position|place|size|color|colors|speed|look] [stays|"
-                "remains] [untouched|unchanged|the same|as it is]|(then) let [it|him|her|them] ([go|keep]) "
-                "[continue|resume|"
-                "{=go/come/carry/walk/move/run/drive/ride/swim/fly/roll/jump/dance/jog/play/skate/sail}] (on|"
-                "again|as before)",
+        nothing="nothing else ([changes|moves|should change])|nothing more|that is [all|it]|only that|(then) let "
+        "[it|him|her|them] ([go|keep]) [continue|resume|{=go/come/carry/walk/move/run/drive/ride/swim/fly/roll/jump/dance/jog/play"
+        "/skate/sail}] (on|again|as before)",
     ),
 ]  # fmt: skip
 """In the order in which they are preferred."""

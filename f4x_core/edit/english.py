@@ -255,24 +255,15 @@ SENSE = table(
         "(over) (to|toward|on|into) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
     }
 )
-FULL_TURN = table(
-    {
-        "(a) half (a) [turn|rotation|spin|circle|revolution]|you turn|a 180": 180.0,
-        "(a) quarter (of a) [turn|rotation|spin|circle]|(a) right angle": 90.0,
-        "(a) three quarter turn|three quarters of a turn": 270.0,
-        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution]|a [turn|spin|rotation]|(a) 360|full 360": 360.0,
-        "two (full) [turns|rotations|spins]": 720.0,
-        "three (full) [turns|rotations|spins]": 1080.0,
-    },
-    reserve=False,
-)
 _so_often = table(
     {
-        "180|[halfway|half way] (around|round)": 180.0,
-        "360|all the way around|once (around|completely)|around once|one [full|complete|whole] time": 360.0,
-        "twice|two times": 720.0,
-        "three times": 1080.0,
-        "quarter": 90.0,
+        "(a) half (a) [turn|rotation|spin|circle|revolution]|you turn|(a) 180|[halfway|half way] (around|round)": 180.0,
+        "(a) quarter (of a) [turn|rotation|spin|circle]|quarter|(a) right angle": 90.0,
+        "(a) three quarter turn|three quarters of a turn": 270.0,
+        "(a|one) [full|complete|whole] [turn|circle|rotation|360|spin|revolution|time]|a [turn|spin|rotation]|(a|full) 360|all the "
+        "way around|once (around|completely)|around once": 360.0,
+        "two (full) [turns|rotations|spins]|twice|two times": 720.0,
+        "three (full) [turns|rotations|spins]|three times": 1080.0,
     },
     reserve=False,
 )
@@ -280,7 +271,7 @@ _by = ~keyword("by|through|for")
 ANGLE = either(
     _by + signed + keyword("degrees|degree|deg|°|º"),
     ~keyword("by") + here(lambda reading, at: reading.word(at - 1) != ":") + signed,
-    _by + ~keyword("a|one") + (FULL_TURN | _so_often),
+    _by + ~keyword("a|one") + _so_often,
 )
 # Copies
 _copies = ~keyword(
@@ -302,7 +293,6 @@ _late = keyword(
     "in the future|offset (each)|(of) [delay|lag]|apart (each)|(in) between ((each of) [them|each (one)|the copies])|from [each "
     "other|one another]|on its path|along (its|the same) path"
 )
-_early = keyword("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
 _following = keyword(
     f"(that|to) [{_lagging}|runs|walks|moves] ([behind|after]) {_behind}|(that|to) [{_lagging}] [behind|after]|that [{_lagging}]|"
     "follow|trail"
@@ -312,7 +302,6 @@ TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
 SHIFT = either(
     _copies + _coming + duration + ~_late,
     _copies + ~keyword("each (one)") + duration + _late,
-    _copies + ~_coming + duration + _early >> (lambda length: length.plus(length, -2.0)),
     _copies + keyword("[a bit|a little|slightly] [late|later|behind|delayed]") >> (lambda: TRAIL_LAG),
     ~keyword(",") + _following + ~keyword("on the same path") >> (lambda: TRAIL_LAG),
 )

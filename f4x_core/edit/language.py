@@ -41,7 +41,7 @@ from ..language.lexicon import (
     written,
 )
 from ..language.refusal import Doubt, Final, Refusal, Slip
-from ..language.times import HALF_WAY, START, Span, TimeExpression
+from ..language.times import HALF_WAY, NOW, START, Span, TimeExpression
 from ..language.verbs import COMMAND_VERBS, IMPERATIVES
 from .change import Change
 from .clauses import OF_ALL, Clause, Clauses, Search, arguments
@@ -52,7 +52,6 @@ from .phrases import SentenceContext, When, several_placed, together
 from .refusals import NO_EDIT, UNCLEAR, UNSURE, reason_of
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
-from .which import removes
 
 MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
@@ -173,7 +172,7 @@ def _settled(read: Read, context: SentenceContext, before: Clause | None) -> tup
     operations = operations or context.complaints
     if not operations:
         raise Refusal("Nothing is said that could be done.")
-    if any(map(removes, operations)) and _holds(several_placed, read.reading):
+    if any(one.removes for one in operations) and _holds(several_placed, read.reading):
         raise Refusal(
             "Of several of a kind only one can be told by its place; say for example 'the farthest person', or 'the people'."
         )
@@ -238,7 +237,7 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
     whole = bool(better.clauses) and not better.idle
     if whole or _slip(better.reading, False):
         thing = any(word in words for words in known)
-        sure = whole and not thing and is_slip(wrong.text, word) and not any(map(removes, better.operations))
+        sure = whole and not thing and is_slip(wrong.text, word) and not any(one.removes for one in better.operations)
         raise (Slip if sure else Doubt)(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
@@ -248,7 +247,7 @@ def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settl
     words = sum(token.is_word for token in read.reading.tokens)
     if not read.operations or reason_of(UNSURE, read.reading) or 2 * len(read.idle) > words:
         return
-    if any(map(removes, read.operations)) or any(_is_a_verb(read.reading, at) for at in read.idle):
+    if any(one.removes for one in read.operations) or any(_is_a_verb(read.reading, at) for at in read.idle):
         return
     if "who" not in read.clauses[0].slots:
         return  # whom it is for may be what was left out
@@ -288,7 +287,7 @@ def _without_idle(read: Read) -> Doubt:
 def _ask_before_removing(read: Read) -> None:
     """Raise Refusal or `Doubt` where something is no longer seen and a word is left unexplained that may say whether or what."""
     words = read.reading.words
-    if not any(map(removes, read.operations)) or {words[at] for at in read.idle} <= EMPTY | {"the"}:
+    if not any(one.removes for one in read.operations) or {words[at] for at in read.idle} <= EMPTY | {"the"}:
         return
     # An unknown thing with an article may be what is to be removed: "the graffiti".
     at = next((at for at in read.idle if words[at] in ("the", "my", "that", "those") and at + 1 in read.idle), None)
@@ -410,6 +409,7 @@ def _recalled(clauses: Clauses, context: SentenceContext) -> Clause | None:
 def _operations(clauses: Clauses, context: SentenceContext, before: Clause | None = None) -> Iterator[Change]:
     """Yield the operations of clauses; `before`: the command before them."""
     front: Span | None = None
+    then = NOW
     topics: list[SelectKind] = []
     for at, clause in enumerate(clauses := _shared(clauses, context.overall)):
         command, piece = clause.command, clause.slots
@@ -438,6 +438,9 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Clause | Non
         before = clause._replace(command=command, slots=piece)
         topics = [*topics, who] if clause.gapped else [who]
         time = own or front or _time_behind(clauses, at)
+        if time and time.kind == "later":
+            time = Span(then.plus(time.start), None, "from")
+        then = time.start if time else then
         settled = When.of(time, context, slowly="slowly" in piece, soft=piece.get("slowly", False))
         for operation in _made(command, piece, who, settled, context, assumed):
             if operation.SEEN == "in copies":
@@ -532,12 +535,7 @@ def _levelled(clauses: Clauses) -> list[Clause]:
     done: list[Clause] = []
     for clause in clauses:
         slots = clause.slots
-        if "excess" in slots:
-            quality, of_it = slots["quality"]
-            clause = clause._replace(
-                slots={**slots, "complaint": Remedy(quality.changed, slots["excess"] is not of_it)}
-            )
-        elif clause.command.make is LEVEL:
+        if clause.command.make is LEVEL:
             complained = done.pop().slots
             remedy = complained["complaint"]
             if not isinstance(remedy, Remedy) or remedy.upward is not slots["up"]:
@@ -650,10 +648,7 @@ def _unknown_word(reading: Reading) -> str:
     things = {word for words in reading.known for word in words}
     for at, token in enumerate(reading.tokens):
         if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS):
-            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | things)
-            return f"I do not understand '{reading.text_of(at, at + 1)}'" + (
-                f"; did you mean '{close}'?" if close else "."
-            )
+            return f"I do not understand '{reading.text_of(at, at + 1)}'."
     return ""
 
 
@@ -689,7 +684,9 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
         and (not there or len({*_EXAMPLE_THING.findall(command.example)}) <= len(named or there))
     ]
     done = {example: operations_of(example, there) for example in examples}
-    fitting = [example for example, does in done.items() if does and does != asked and not any(map(removes, does))]
+    fitting = [
+        example for example, does in done.items() if does and does != asked and not any(one.removes for one in does)
+    ]
     return tuple(fitting[:MOST_EXAMPLES])
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Concatenate, NamedTuple, ParamSpec
 
 from ..language.amounts import VIEWER, direction, number, number_at
+from ..language.cast_words import is_cast
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
 from ..language.compounds import is_adjective
@@ -251,7 +252,8 @@ class When:
         """Return the fields of a freeze."""
         if self.frames is None:
             return {"at": float(context.frame)}
-        return {"at": self.frames[0]} | ({} if self.frames[1] is None else {"until": self.frames[1]})
+        first, last = self.frames
+        return {"at": first} | ({} if last is None or last - first <= 1 else {"until": last})  # "on the first frame"
 
     def none(self, what: str) -> dict[str, Any]:
         """Return no field; raises Refusal where the sentence names a time."""
@@ -593,7 +595,7 @@ _all_that_go = keyword("everything|everyone|anything|all|what|whatever")
 _moving = _say(
     "<_all_that> [moves|move|is moving|are moving|is in motion|does move]|(<_article>) moving <_objects>|[the|"
     "all the] (whole|entire) foreground|the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|"
-    "walks|walk|running|walking|moving|moves|move]"
+    "walks|walk|running|walking|moving|moves|move]|(<_article>) [subject|subjects|talent]"
 ) >> _always(Moving())
 _static = _say(
     "<_all_that> [stands still|stand still|stays still|stay still|is still|are still|is static|are static|"
@@ -628,10 +630,15 @@ _moving_noun = _say(
 _WHERE = {
     f"[on|at|to|of|in] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
     f"[on|at|to|of|in] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
-    "in the left (hand) [half|part|third|corner]": "left",
-    "in the right (hand) [half|part|third|corner]": "right",
+    "in the left (hand) [half|part|third|corner]|(on) [camera|screen|frame|stage] left": "left",
+    "in the right (hand) [half|part|third|corner]|(on) [camera|screen|frame|stage] right": "right",
     "in the [upper|top] [half|part|third|corner]": "top",
     "in the [lower|bottom] [half|part|third|corner]": "bottom",
+    **{
+        f"[in|at|on|of] (the) [{names}] {side} (hand) (corner)": f"{row} {side}"
+        for names, row in (("upper|top", "top"), ("lower|bottom", "bottom"))
+        for side in ("left", "right")
+    },
     "[farthest|furthest|closest|nearest|most] (to|on|at) (the) left": "left",
     "[farthest|furthest|closest|nearest|most] (to|on|at) (the) right": "right",
     "at the (very) top|on (the) top|on the top side": "top",
@@ -909,9 +916,10 @@ untouched = literal(
     "keeping|retains] [its|his|her|their] (own|original|current) [size|place|position|color|colors|speed|look]"
 ) | literal("the same") + unless(literal("for|with|to|on|as|color|size"))
 """Words for a thing that stays as it is."""
+_of_cast = here(lambda reading, at: any(map(is_cast, reading.words[at : at + 4])))
 _sparing = _say(
-    "((,) [but|and|yet|while]) [(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|"
-    "exclude|omit|omitting] (only|just)|[not|without] [affecting|changing|touching|including]|do not [affect|"
+    "((,) [but|and|yet|while]) [(please|just|only|do) [leave|leaving|keep|keeping|spare|skip|ignore|leave out|exclude|omit|"
+    "omitting] (only|just)|[hold|holding] <_of_cast>|[not|without] [affecting|changing|touching|including]|do not [affect|"
     "change|touch|include]] (the [color|colors] of)"
 )
 _spared_after = (

@@ -425,6 +425,15 @@ class Settling:
         """(N,3) centers then."""
         return self.posed.means
 
+    @property
+    def pixel(self) -> float:
+        """World units that a pixel of the clip spans at the depth of the selection."""
+        camera = self.scene.cameras.at(self.time)
+        depth = float(np.median(camera.project(self.means[self.rows])[1]))
+        if depth <= 0:
+            raise F4xError("What lies behind the camera is not moved by pixels; say how many widths.")
+        return depth / camera.focal
+
     def each(self) -> tuple[SelectKind, ...]:
         """Return the separate things of the selection; none where it is one."""
         return self.resolver.each(self.scene, self.operation.select, self.rows, self.tidy)

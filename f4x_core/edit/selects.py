@@ -176,7 +176,10 @@ class Instance(Select):
     TAG = "instance"
     of: SelectKind
     """The kind."""
-    which: Literal["left", "right", "top", "bottom", "middle", "nearest", "farthest", "largest", "smallest"]
+    which: Literal[
+        "left", "right", "top", "bottom", "middle", "nearest", "farthest", "largest", "smallest",
+        "top left", "top right", "bottom left", "bottom right",
+    ]  # fmt: skip
     """Its place among several, seen through the clip's camera at `frame`."""
     frame: int = 0
     """Clip frame."""

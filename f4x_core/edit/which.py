@@ -37,14 +37,9 @@ class Several(F4xError):  # noqa: N818  # nothing went wrong
         self.reason, self.commands = reason, commands
 
 
-def removes(operation: Change) -> bool:
-    """Return True where the operation makes something invisible."""
-    return operation.removes
-
-
 def asked_about(operation: Change) -> Iterator[SelectKind]:
     """Yield the selections of an operation that must be certain of which thing they mean, in the words of a sentence."""
-    if removes(operation):
+    if operation.removes:
         yield from _certain(operation.select)
     else:
         yield from (one for part in _beside_in(operation.select) for one in _certain(part))

@@ -26,7 +26,6 @@ from .notation import Notation
 from .refusal import Mismatch
 
 _say = Notation(globals(), VOCABULARY)
-_MANY = {"hundred": 100.0, "dozen": 12.0}
 _fraction_word = table(
     {
         "half|one half|a half|the half": 0.5,
@@ -64,26 +63,18 @@ def _counted_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
             yield at + 2, float(TENS[word] + ONES[following])
         yield at + 1, float(TENS[word])
     elif word in ONES:
-        if following in _MANY:
-            yield at + 2, _MANY[following] * ONES[word]
         if following == "point" and reading.word(at + 2) in ONES:
             yield at + 3, ONES[word] + ONES[reading.word(at + 2)] / 10
         yield at + 1, float(ONES[word])
-    elif word in ("a", "one") and following in _MANY:
-        yield at + 2, _MANY[following]
-    elif word in _MANY:
-        yield at + 1, _MANY[word]
-    elif (word, following, reading.word(at + 2)) == ("half", "a", "dozen"):
-        yield at + 3, 6.0
     elif "couple" in (word, following if word == "a" else ""):
         end = at + 1 + (word == "a")
         yield end + (reading.word(end) == "of"), 2.0
 
 
-_NUMBER_WORDS = frozenset((*TENS, *ONES, *_MANY, "0", "a", "half", "couple"))
+_NUMBER_WORDS = frozenset((*TENS, *ONES, "0", "a", "couple"))
 number = generated(number_at, lambda: _NUMBER_WORDS)
 signed = _say("[-|minus] <number>") >> (lambda x: -x) | number
-VOCABULARY.update(ONES, TENS, FRACTIONS, _MANY)
+VOCABULARY.update(ONES, TENS, FRACTIONS)
 
 percent = _say("<number> [%|percent|per cent|pct]") >> (lambda x: x / 100)
 _any_fraction = _fraction_word | generated(
@@ -243,19 +234,6 @@ direction = (
     )
     + _WITHIN
 )
-beside = table(
-    {
-        "(right) [next to|beside|alongside] [it|him|her|them|itself|the original]": (1, 0, 0),
-        "behind [it|him|her|them|itself|the original]": (0, 0, 1),
-        "in front of [it|him|her|them|itself|the original]": (0, 0, -1),
-        "above [it|him|her|them|itself|the original]": (0, -1, 0),
-        "[below|under|underneath] [it|him|her|them|itself|the original]": (0, 1, 0),
-        "(to the) left of [it|him|her|them|itself|the original]": (-1, 0, 0),
-        "(to the) right of [it|him|her|them|itself|the original]": (1, 0, 0),
-    }
-)
-
-
 _body = keyword(
     "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
 )
@@ -276,6 +254,7 @@ distance = either(
     >> (lambda: Distance(1.0)),
     _say("<_by> [<number>|<fraction>] (a|of a) [unit|units|world units|world unit]")
     >> (lambda x: Distance(x, "world")),
+    _say("<_by> <number> [pixel|pixels|px]") >> (lambda x: Distance(x, "pixels")),
     _say("by <percent>") >> Distance,
     _say("by <number>") >> (lambda x: Distance(x, "world")),
 )
@@ -283,7 +262,5 @@ _no_way = literal("right [now|away|here|there|after|before|from|until]")
 _step = _say("<distance?> !<_no_way> <direction> <_far?>", _far=distance | percent >> Distance)
 
 
-steps = either(
-    listed(_step, keyword("and|,|, and|and then|and also") | NOTHING), beside >> (lambda way: ((None, way, None),))
-)
+steps = listed(_step, keyword("and|,|, and|and then|and also") | NOTHING)
 """`Steps` of "a bit to the left and up by 2 widths"."""

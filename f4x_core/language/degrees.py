@@ -70,7 +70,7 @@ def factor(
     return 1 / how.value
 
 
-Unit = Literal["world", "size"]
+Unit = Literal["world", "size", "pixels"]
 
 
 class Distance(NamedTuple):
@@ -98,5 +98,5 @@ def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vect
                 raise Refusal("Two of the directions are on one line; say one of them.")
             vector[axis] += step * one.value
     if len(units) > 1:
-        raise Refusal("One distance is in sizes and another in units of the world; use one of them.")
+        raise Refusal("Distances are in different units; use one of them.")
     return (vector[0], vector[1], vector[2]), units.pop()

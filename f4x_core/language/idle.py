@@ -74,8 +74,6 @@ def _cost(tokens: list[Token], at: int, known: Collection[str], verbs: Collectio
     begins = at == 0 or not tokens[at - 1].is_word or tokens[at - 1].text in _JOINING  # "wall red" is about a wall
     if at + 1 < len(tokens) and tokens[at + 1].text in _CARRIED and is_strange(token.text, known) and not begins:
         return HARMLESS
-    if at and tokens[at - 1].text in ("go", "goes", "going") and is_strange(token.text, known):  # "go vroom"
-        return HARMLESS
     meant = token.text in verbs or any(form in words for words in _MEANT for form in forms)
     return None if meant else UNKNOWN
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable
+from difflib import get_close_matches
 from functools import cache
 
 
@@ -18,77 +19,57 @@ def _table(text: str) -> dict[str, str]:
 
 
 SPELLING = _table(
-    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, annd and, "
-    "& and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, colouring "
-    "coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour decolor, grey gray, "
-    "greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, till until, til until, "
-    "onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards downward, backwards backward, "
-    "forwards forward, afterwards afterward, wanna want, colur color, coulor color, gonna going, gimme give, metre meter, metres "
-    "meters, centimetre centimeter, centimetres centimeters, recognise recognize, summarise summarize, desaturise desaturate, "
-    "colourise colorize, colourize colorize, colorise colorize, greyed grayed, u you, ur your, gotta to, tyre tire, tyres tires, "
-    "neighbour neighbor, neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru through, "
-    "travelling traveling, travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer your, r "
-    "are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics picture, "
-    "cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, bout about, n "
-    "and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe copy, dup copy, "
-    "ctr center, percents percent, bcuz because, em them, opac opacity, backgrnd background, foregrnd foreground, whichever which"
+    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, nad and, annd "
+    "and, & and, pls please, plz please, plese please, pleas please, colour color, colours colors, coloured colored, colouring "
+    "coloring, colourless colorless, recolour recolor, recoloured recolored, recolouring recoloring, decolour decolor, grey "
+    "gray, greys grays, greyscale grayscale, greyish grayish, greyer grayer, centre center, towards toward, till until, til "
+    "until, onwards onward, ok okay, leftwards leftward, rightwards rightward, upwards upward, downwards downward, backwards "
+    "backward, forwards forward, afterwards afterward, wanna want, colur color, coulor color, gonna going, gimme give, metre "
+    "meter, metres meters, centimetre centimeter, centimetres centimeters, recognise recognize, summarise summarize, desaturise "
+    "desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, u you, ur your, gotta to, tyre tire, "
+    "tyres tires, neighbour neighbor, neighbourhood neighborhood, colourful colorful, favourite favorite, whilst while, thru "
+    "through, travelling traveling, travelled traveled, wat what, wut what, wot what, dat that, dis this, dem them, ya you, yer "
+    "your, r are, bg background, backround background, fg foreground, desat desaturate, vid video, vids video, pic picture, pics "
+    "picture, cam camera, ppl people, dist distance, avg average, num number, <-> and, cuz because, coz because, cos because, "
+    "bout about, n and, tho though, lil little, smol small, teensy tiny, eensy tiny, pos position, loc location, spd speed, dupe "
+    "copy, dup copy, ctr center, cw clockwise, ccw counterclockwise, percents percent, bcuz because, em them, opac opacity, "
+    "backgrnd background, foregrnd foreground, whichever which"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
-_WRITTEN: tuple[tuple[str, str], ...] = (
-    (r"\b((?!over\b|ever\b|fainter\b)\w+er) and \1\b", r"gradually \1"),
-    (r"^(\W*)(?:(can)['’]?t|(could|should|would)n['’]?t) (?=(?:we|you|i|the|it|they|my|that|this)\b)", r"\1\2\3 "),
-    (r"\breappear(s|ed|ing)?\b", r"come\1 back"),
-    (r"(?<=\d)½", ".5"),
-    (
-        r"^(\W*)nothing (?:else )?(should|must|may|shall|is to|can) (.+?),? (?:except|but|other than|besides|apart from)(?: for)? "
-        r"([^,.]+)",
-        r"\1only \4 \2 \3",
-    ),
-    (
-        r"\b(no|without(?: any| a| the)?|(?:do not|don['’]?t) (?:want|need|like)(?: to see)?) ([\w ]{2,40}?) n?or (?!not\b)",
-        r"\1 \2 and ",
-    ),
-    (r"\b(?:hex|html)(?: colou?r| code)?:? *#?(?=[0-9a-f]{6}\b)", "#"),
-    (r"\b(?:nobody|no ?one|nothing|none)(?: else| other)? (?:but|except(?: for)?|than|besides|apart from)\b", "only"),
-    (r"\b(the|a|my|to|is|it|in|on|of|and|i|we) \1\b", r"\1"),
-    (r"[, ]+(?:and )?(?:the |its |his |her )?(shadow|reflection)s? (?:included|inclusive|and all)\b", r" with its \1"),
-)
-"""(pattern, what is read instead): "½", "nothing but the dog", "shadow included"."""
 _RGB = re.compile(r"(?:\brgb\b[ :=]*\(?|\() *(\d{1,3})[ ,;]+(\d{1,3})[ ,;]+(\d{1,3})\b *\)?", re.IGNORECASE)
 """A colour in three numbers: "rgb(255, 0, 0)"."""
 
 
 def written(sentence: str) -> str:
-    """Return the sentence with colors in three numbers as hexadecimal digits, and a few constructions in other words."""
-    sentence = _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
-    for pattern, instead in _WRITTEN:
-        sentence = re.sub(pattern, instead, sentence, flags=re.IGNORECASE)
-    return sentence
+    """Return the sentence with colors in three numbers as hexadecimal digits."""
+    return _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
 
 
-_CONTRACTED = _table(
-    "that's that is, what's what is, where's where is, who's who is, there's there is, here's here is, when's when "
-    "is, how's how is, he's he is, she's she is, they're they are, you're you are, what're what are, it'll it will, "
-    "that'll that will, you'll you will, they'll they will, it'd it would, that'd that would, you'd you would, they'd "
-    "they would, i've i have, we've we have, you've you have, they've they have, let's let us, i'm i am, can't can "
-    "not, won't will not, weren't were not, shouldn't should not, hadn't had not, isn't is not, doesn't does not, "
-    "couldn't could not, mustn't must not, haven't have not, didn't did not, don't do not, aren't are not, wouldn't "
-    "would not, wasn't was not, hasn't has not, outta out of, kinda kind of, sorta sort of, lotta lot of, alot a lot, "
-    "abit a bit, lemme let me, gimme give me, bnw black and white, bw black and white, semitransparent semi "
-    "transparent, tryna trying to, dunno do not know"
+_CONTRACTED = {
+    "'s is": "that what where who there here when how why he she it whatever everything nothing",
+    "'re are": "they you we what where who how there these those",
+    "'ll will": "it that you they i we he she there",
+    "'d would": "it that you they i we he she there",
+    "n't not": "do does did is are was were has have had could would should must",
+    "'ve have": "i we you they",
+    "'m am": "i",
+}
+"""Ending and what it stands for -> words that it is joined to."""
+_OTHERS = _table(
+    "let's let us, can't can not, won't will not, shan't shall not, outta out of, kinda kind of, sorta sort of, lotta lot of, alot "
+    "a lot, abit a bit, lemme let me, gimme give me, bnw black and white, bw black and white, semitransparent semi transparent, "
+    "tryna trying to, dunno do not know"
 )
-_WITH_APOSTROPHE = _table(
-    "whatever's whatever is, everything's everything is, nothing's nothing is, it's it is, why's why is, we're we "
-    "are, where're where are, who're who are, how're how are, there're there are, these're these are, those're those "
-    "are, i'll i will, we'll we will, he'll he will, she'll she will, there'll there will, there'd there would, i'd i "
-    "would, we'd we would, he'd he would, she'd she would, shan't shall not"
-)
-"""Those that are other words without it: its, were, well, shell, id."""
+_CUT = {
+    stem + end.split()[0]: f"{stem} {end.split()[1]}" for end, stems in _CONTRACTED.items() for stem in stems.split()
+}
+_NO_CONTRACTIONS = word_set("its were ill well hell shell id shed wed whore")
 CONTRACTIONS: dict[str, tuple[str, ...]] = {
     form: tuple(long.split())
-    for short, long in (_CONTRACTED | _WITH_APOSTROPHE).items()
-    for form in (short, short.replace("'", "") if short in _CONTRACTED else short)
+    for short, long in (_CUT | _OTHERS).items()
+    for form in (short, short.replace("'", ""))
+    if form not in _NO_CONTRACTIONS
 }
 """Words that stand for several, their apostrophe written or left out; any other `'s` is possessive."""
 
@@ -194,58 +175,35 @@ def is_adverb(word: str) -> bool:
     return word.endswith("ly") and len(word) > 4 and word not in _IN_LY
 
 
-def slips(word: str, other: str) -> int:
-    """Return the edit distance of two words: letters that are wrong, missing, too many or swapped (optimal string alignment)."""
-    before: list[int] = []
-    row = list(range(len(other) + 1))
-    for i, letter in enumerate(word, 1):
-        older, before, row = before, row, [i]
-        for j, its in enumerate(other, 1):
-            row.append(min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != its)))
-            if i > 1 and j > 1 and letter == other[j - 2] and word[i - 2] == its:
-                row[j] = min(row[j], older[j - 2] + 1)
-    return row[-1]
-
-
 _KEYS = ("qwertyuiop", "asdfghjkl", "zxcvbnm")
+_BESIDE = {key: set(row[max(i - 1, 0) : i] + row[i + 1 : i + 2]) for row in _KEYS for i, key in enumerate(row)}
+"""Letter -> those next to it on a keyboard; another letter makes another word: rider, river."""
+_ALIKE = 0.85
+"""Likeness of words of seven letters or more, two slips apart at most."""
 
 
-def _beside(one: str, other: str) -> bool:
-    """Return True if two letters lie next to each other on a keyboard."""
-    places = [(row, keys.index(letter)) for letter in (one, other) for row, keys in enumerate(_KEYS) if letter in keys]
-    return len(places) == 2 and all(abs(a - b) <= 1 for a, b in zip(*places, strict=True))
-
-
-def _typed(word: str, other: str) -> bool:
-    """Return True if fingers turn `other` into `word`; another letter in the middle of a word makes another word: rider, river."""
-    wrong = [(a, b) for a, b in zip(word, other, strict=False) if a != b]
-    return len(word) != len(other) or len(wrong) != 1 or _beside(*wrong[0])
+def _slipped(word: str) -> set[str]:
+    """Return what fingers make of a word: two letters swapped, or one missing, too many or next to the right one."""
+    cuts = [(word[:i], word[i:]) for i in range(len(word) + 1)]
+    swapped = {a + b[1] + b[0] + b[2:] for a, b in cuts if len(b) > 1}
+    missing = {a + b[1:] for a, b in cuts if b}
+    beside = {a + key + b[1:] for a, b in cuts if b for key in _BESIDE.get(b[0], ())}
+    return (swapped | missing | beside | {a + key + b for a, b in cuts for key in _BESIDE}) - {word}
 
 
 def is_slip(word: str, other: str) -> bool:
     """Return True if fingers slipped: two letters are swapped, or one is too many or missing, within a word of five or more."""
-    swapped = len(word) == len(other) and sorted(word) == sorted(other)
-    within = word[:1] + word[-1:] == other[:1] + other[-1:]
-    return (
-        min(len(word), len(other)) > 4 and within and slips(word, other) == 1 and (swapped or len(word) != len(other))
-    )
+    within = word[:1] + word[-1:] == other[:1] + other[-1:] and min(len(word), len(other)) > 4
+    return within and other in _slipped(word) and (sorted(word) == sorted(other) or len(word) != len(other))
 
 
 def misspelt(word: str, known: Iterable[str]) -> str | None:
-    """Return the word of `known` that was probably meant: one slip away, two from seven letters on."""
+    """Return the word of `known` that was probably meant: one slip away, or nearly alike from seven letters on."""
     if len(word) < 4:  # of short words only those with two letters swapped
         return next((other for other in sorted(known) if other != word and sorted(other) == sorted(word)), None)
-    allowed = 1 if len(word) < 7 else 2
-    letters = {*word}  # a slip brings one letter at most that the other word lacks
-    alike = (
-        other
-        for other in known
-        if len(other) > 3
-        and abs(len(other) - len(word)) <= allowed
-        and len(letters.difference(other)) <= allowed >= len({*other} - letters)
-    )
-    near = ((slips(word, other), other) for other in alike)
-    return min((pair for pair in near if 0 < pair[0] <= allowed and _typed(word, pair[1])), default=(0, None))[1]
+    near = sorted(other for other in _slipped(word).intersection(known) if len(other) > 3)
+    alike = get_close_matches(word, {*known} - {word}, 1, _ALIKE) if len(word) > 6 and not near else ()
+    return next(iter((*near, *alike)), None)
 
 
 def plural(noun: str, count: float) -> str:
@@ -353,6 +311,10 @@ FUNCTION_WORDS = word_set(
 
 
 WHICH = {
+    "top left|upper left|upper left hand": "top left",
+    "top right|upper right|upper right hand": "top right",
+    "bottom left|lower left|lower left hand": "bottom left",
+    "bottom right|lower right|lower right hand": "bottom right",
     "left|leftmost|left most|left hand|far left": "left",
     "right|rightmost|right most|right hand|far right": "right",
     "top|topmost|upper|uppermost|highest|top most": "top",

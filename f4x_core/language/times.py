@@ -65,7 +65,7 @@ class Span(NamedTuple):
     """None: open."""
     kind: str = "range"
     """`moment`, `from`: only the start is given, at or since which it is; `by`: only when it is done; `length`: only the length;
-    `in`: after so long, or for so long; `always`."""
+    `in`: after so long, or for so long; `later`: so long after what was said before; `always`."""
 
 
 _say = Notation(globals(), VOCABULARY)
@@ -74,6 +74,7 @@ _unit = table(
         "second|seconds|sec|secs|s|second mark": TimeExpression(seconds=1.0),
         "frame|frames|f|fr|frm|frms": TimeExpression(frames=1.0),
         "minute|minutes|min|mins": TimeExpression(seconds=60.0),
+        "beat|beats": TimeExpression(seconds=0.5),
         "msec|millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
     }
 )
@@ -97,8 +98,8 @@ duration = _say.table(
 )
 _edge = table(
     {
-        f"the (very) [beginning|start|first frame|outset|head|opening] (of the [{PICTURE}])|start|beginning": START,
-        f"the (very) [end|last frame|finish|tail|close] (of the [{PICTURE}])|end": END,
+        f"the (very) [beginning|start|first frame|outset|head|opening] (of the [{PICTURE}])|start|beginning|first frame": START,
+        f"the (very) [end|last frame|finish|tail|close] (of the [{PICTURE}])|end|last frame": END,
         "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
     }
 )
@@ -232,6 +233,7 @@ span = _say.table(
         "<_during> <_nth>": lambda n: Span(TimeExpression(seconds=n), TimeExpression(seconds=n + 1)),
         "[from|since] <_nth> (<_goes_on>)": lambda n: Span(TimeExpression(seconds=n), None, "from"),
         "[in|within] <duration>": lambda length: Span(NOW, NOW.plus(length), "in"),
+        "<duration> [later|afterward|after that]": lambda length: Span(length, None, "later"),
         "<_since_then>": lambda start: Span(start, None, "from"),
         "<_just_then>": lambda start: Span(start, None, "moment"),
         "<_for>": lambda length: Span(NOW, NOW.plus(length), "length"),

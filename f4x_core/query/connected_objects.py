@@ -128,18 +128,25 @@ def pick_object(
     owner, _ = split_objects(posed, rows, known)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
     pixels, depth = camera.project(centres_of(posed.means[rows], owner, surface))
-    aside = np.linalg.norm(pixels - np.array([camera.width, camera.height]) / 2, axis=-1)
-    key = {
+    places = {
+        "middle": (0.5, 0.5),
+        "top left": (0, 0),
+        "top right": (1, 0),
+        "bottom left": (0, 1),
+        "bottom right": (1, 1),
+    }
+    size = (camera.width, camera.height)
+    keys = {
         "left": pixels[:, 0],
         "right": -pixels[:, 0],
         "top": pixels[:, 1],
         "bottom": -pixels[:, 1],
-        "middle": aside,
         "nearest": depth,
         "farthest": -depth,
         "largest": -np.bincount(owner, surface),
         "smallest": np.bincount(owner, surface),
-    }[which]
+    } | {name: np.linalg.norm(pixels - np.multiply(place, size), axis=-1) for name, place in places.items()}
+    key = keys[which]
     in_front = depth > 0 if (depth > 0).any() else np.ones_like(depth, bool)
     return rows[owner == np.where(in_front, key, np.inf).argmin()]
 

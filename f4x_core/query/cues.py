@@ -38,14 +38,12 @@ swivel: {=turn/pan/tilt/rotate/swivel} (around|round|left|right|up|down|to the l
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) <.pictures>
 see: see|found|{=find/spot/recognize/detect}|notice|make out|observe|look for
-counted: [do|does|did|can|could] <.people> (can|could) count
 looking: (do|does|did|can|could|would) <.people> (can|could|get to|still get to) (ever|also|first|last|still|really|actually)
     <.see>|[have|has] (<.people>) got|got|[can|could] be [seen|found|spotted]
 direction: left|right
 in-view: in view|on screen|on the screen|on view|in sight|on camera|in shot
 now: first|last|still|also|ever|actually|clearly
 at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|about|around|roughly) [which|what] (exact)
-picture-shows: [the|this] <.pictures> [show|have|contain|include|shows|has|contains|includes]
 its: its|his|her|their|the
 at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) <.its> (very)|at|reach|reaches|be|have|has|come|comes|get|gets
 plainly: dynamic|{=move/travel/come}|go|goes|going|went|came|in motion|on the move|[move|moves|moving] [around|about]|(<.its>)
@@ -103,7 +101,7 @@ compared: [in|with] relation to|relative to|compared [to|with]|with respect to|i
     to|(on|to|at) [which|what] side of
 seen: (<.now>) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|<.in-view>|out
     there|available|exist|exists|[appear|appears] [<.inside>|in it|in this|here|anywhere]|there
-    (still)|here|around|somewhere|(somewhere|anywhere) <.inside>]|<.looking>|(do|does|can|is) <.picture-shows>|any sign
+    (still)|here|around|somewhere|(somewhere|anywhere) <.inside>]|<.looking>|any sign
     of|[do|does] [we|you|it] have|[is|was] [it|this|that] (a) <.clips> of
 staying: stay|stays|staying|remain|remains|remaining|last|lasts
 visible: (<.now>) (<.staying>) [visible|(be) seen|shown|present|<.in-view>|to be
@@ -147,7 +145,6 @@ contents: what am i looking at|what does (the|this) <.clips> [contain|show|inclu
     it]|the [contents|inventory]|[what|which] (all) (<.noun>) (do|have|can|could) <.people> (can|could|all)
     [<.see>|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) <.noun>
     (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
-bigger-or: (the) <.big-er> or (the) <.small-er>|<.small-er> or <.big-er>
 filler: spend|spends|altogether|all together|in all|all
     told|directly|immediately|state|report|confirm|verify|establish|ascertain|specify|indicate|or
     [one|two|three|four|more|several]|would you say|do you [reckon|suppose|believe|figure]|if [the scale|it|that]
@@ -230,8 +227,6 @@ fastest: [at|with|have|has|reach|reaches|attain|attains|hit|hits|get to|gets to]
 most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
     [motion|movement] (in it)|the largest [motion|movement|way]
 more: more|farther|further|the most
-most-motion: (the) [liveliest|busiest|most [active|lively|busy|restless|mobile|energetic|agile]]
-    (<.noun>)|(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
 biggest = biggest: [bigger|larger|taller|wider|longer]|(the) [more|most] [big|large|tall|wide|long|high] (<.noun>)|(the)
     [most|largest part|biggest part] of the <.pictures>|(the) (very)
     [biggest|largest|tallest|widest|longest|broadest|greatest] (<.noun>)|(the) [bigger|larger|taller] one (<.noun>)|(the) most
@@ -273,9 +268,7 @@ do: do|does|doing|did|up to|behave|behaves|act|acts
 list: list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of
 ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end
 clip-length: is (the|this) [<.clips>]|does (the|this) [<.clips>] [last|run|take|go on]
-in-gap: in the [gap|space|room|middle]
 by-what: by (their) [distance|depth|position|nearness|size]
-keep-on: keep|keeps|keeping (on)
 crosses: {=cover}
 what-it: what|what all
 on: on|in|at
@@ -337,7 +330,7 @@ fastest_moment: when fastest thing? move? lasts? | when speediest thing move?
 when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands?
 neighbours: who thing around
-between: who pair in-gap? stands? | any pair in-gap? stands?
+between: who pair stands? | any pair stands?
 relation: where thing place-or stands? | where thing compared-to stands? | thing compared-to stands? | thing place-or
     stands? | who farther-aside thing stands?
 where: thing sides stands?
@@ -346,14 +339,14 @@ distance extreme=max: most-far gap? thing other
 distance extreme=min: close thing get together | least gap pair | least gap thing other
 distance: gap thing other | gap pair | gap thing
 compare_size: by-factor bigger thing other | who bigger thing
-compare_size manner=bigger: big thing compared-to | thing bigger-or other
+compare_size manner=bigger: big thing compared-to
 polar compare_size: thing bigger other not?
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
 nearest: who nearer thing other | who nearest thing? other? stands? | nearest other?
 farthest: who farther thing other | who farthest thing? other? stands?
-most_moving: who move more thing? | who move most thing? | who most-motion thing?
+most_moving: who move more thing? | who move most thing?
 biggest: who biggest thing? but?
 brightest: who brightest thing? but?
 compare_speed: speediest but? | who move? speediest thing?
@@ -361,7 +354,7 @@ colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | how-many thing move start?
 polar count_moving: any move but
-count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing counted | how-many thing
+count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing
     seen? side? stands? remain?
 still: who not move start? always? | who rest always? stands? | anything rest stands? | anything not move
 polar seen says=no: thing gone
@@ -376,7 +369,7 @@ rise manner=jump: when thing start? jumps | high thing jumps | how-long thing ju
 rise: thing go-up not? | high thing rise move? | by-how-much thing go-up
 polar always says=no: thing hidden
 polar stops: thing stop move? not?
-polar stops says=no: thing always move not? | thing keep-on move
+polar stops says=no: thing always move not?
 motion: who move start? but?
 does: what-it do thing
 fast: fast thing move? reaches? extreme?

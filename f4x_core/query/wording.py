@@ -31,7 +31,6 @@ from ..language.idle import BINDING, EMPTY, PREPOSITIONS
 from ..language.lexicon import (
     CONTRACTIONS,
     FUNCTION_WORDS,
-    PEOPLE,
     SPELLING,
     WHICH,
     is_adverb,
@@ -240,7 +239,7 @@ _end = _say.table({"<camera>": (), "<_name>": lambda name: (name,)})
 def _span_at(reading: Reading, at: int) -> Iterator[tuple[int, Span]]:
     for end, (found,) in span.at(reading, at).items():
         alone = "only" in (reading.word(at), reading.word(end - 1))  # what holds at other times is not computed
-        if found.kind not in ("always", "length") and reading.word(end - 1) != "here" and not alone:
+        if found.kind not in ("always", "length", "later") and reading.word(end - 1) != "here" and not alone:
             yield end, found
 
 
@@ -394,9 +393,8 @@ def read_question(
     understood: list[Asked] = []
     for part in parts:
         it = (understood[-1].things if understood else ()) or ((selected,) if selected else ())
-        topic, part = _topic(part)
         try:
-            understood += _read(part, clip, topic or it)
+            understood += _read(part, clip, it)
         except Doubt as doubt:
             raise type(doubt)(doubt.reason, text.replace(part, doubt.instead)) from doubt
     understood = [
@@ -414,21 +412,6 @@ def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -
         meant = next((label for label in sorted(known) if sorted(label) == sorted(word)), word)
         if known.isdisjoint(spellings(word)) and meant != word:
             raise Doubt(f"Nothing is called '{word}'; did you mean '{meant}'?", text.replace(word, meant))
-
-
-_TOPIC = re.compile(rf"(?P<topic>[^,:]+)[,:-] *(?:so |and |but )?(?P<question>(?:tell me |say )?{_ASKING}\b.*)")
-_TOPIC_BEHIND = re.compile(r"(?P<question>.*\b(?:it|they|he|she)\b.*?), *(?P<topic>(?:the|my|our|this|that) [^,]*)")
-
-
-def _topic(text: str) -> tuple[tuple[str, ...], str]:
-    """Return (names before a question about "it", the question): "I can't find the lamp, where is it?"."""
-    match = _TOPIC.fullmatch(text) or _TOPIC_BEHIND.fullmatch(text)
-    if match is None or _IT.isdisjoint(match["question"].split()):
-        return (), text
-    reading = Reading(match["topic"])
-    behind_article = [at for at in range(len(reading.tokens)) if at == 0 or _ARTICLE.at(reading, at)]
-    named = [names for at in behind_article for (names,) in _names.at(reading, at).values() if names]
-    return (named[0], match["question"]) if named else ((), text)
 
 
 def _read(text: str, clip: _Shown, it: tuple[str, ...]) -> list[Asked]:
@@ -556,10 +539,6 @@ _NEEDS_A_THING = word_set(
 _MOST = ("fastest", "slowest")
 
 
-_SURFACES = word_set("fur coat skin hide feathers plumage fleece wool paint paintwork body exterior surface")
-"""Parts that are no things of their own: the cat's fur is the cat."""
-
-
 def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
     """Return `things` with what "it" and "the back one" stand for."""
     names: list[str] = []
@@ -567,9 +546,6 @@ def _resolved(things: tuple[str, ...], it: tuple[str, ...]) -> tuple[str, ...]:
         first, _, last = thing.rpartition(" ")
         if last in ("one", "ones") and names:
             thing = f"{first} {names[0].split()[-1]}".strip()
-        owner = first.removesuffix("'s")
-        if last in _SURFACES and owner != first and not (last == "coat" and re.fullmatch(PEOPLE, owner)):
-            thing = owner
         names += it if thing == "it" else (thing,)
     return tuple(dict.fromkeys(names))
 

@@ -25,7 +25,7 @@ LOOKED_AT = (0, 5, 11, 15, 18, 23, 26, 29, 36, 42, FRAMES - 1)
 CHANGES = {
     "gone": {"gone", "alpha"}, "alpha": {"alpha"}, "shift": {"shift"}, "swap": {"shift"}, "size": {"size"},
     "bigger": {"size"}, "turn": {"turn"}, "blur": {"wide", "alpha"}, "glow": {"copies", "colour"}, "copies": {"copies"},
-    "still": {"shift"}, "back": {"shift"}, "speed": {"shift"},
+    "still": {"shift"}, "back": {"shift"}, "speed": {"shift"}, "late": {"shift"},
 }  # fmt: skip
 """Effect -> the changes that it may show as; all others are changes of color."""
 WAYS = {"left": (0, -1), "right": (0, 1), "up": (1, -1), "down": (1, 1), "near": (2, -1), "far": (2, 1)}
@@ -222,7 +222,8 @@ class Seen:
             "copies": lambda: _is(self.copies, number, 1e-6),
             "still": lambda: self._shows(lambda time: None),
             "back": lambda: self._shows(lambda time: FRAMES - 1 - time),
-            "speed": lambda: self._shows(lambda time: number * time),
+            "speed": lambda: self._shows(lambda time: min(number * time, FRAMES - 1)),
+            "late": lambda: self._shows(lambda time: max(time - number, 0)),
         }[one.kind]()
         told = f"size {self.scale:.3f} alpha {self.alpha:.3f} light {light:.3f} turn {self.angle:.1f} step {self.step} rgb {after}"
         return "" if right else told

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from ...errors import F4xError
+from ...language.degrees import Unit
 from ...query.connected_objects import width_along
 from ..change import ChangeWithShadow, Vector
 from ..selects import SelectKind
@@ -31,8 +32,8 @@ class Placing(ChangeWithShadow):
 
     WAY: ClassVar[str]
     """Name of the field with the way."""
-    unit: Literal["world", "size"]
-    """`size`: in widths of the selection. Planning rewrites it into world units."""
+    unit: Unit
+    """`size`: in widths of the selection; `pixels`: of the clip, at its depth. Planning rewrites it into world units."""
     axes: Literal["world", "camera"]
     """`camera`: right, down, forward of the clip's camera at the first frame concerned. Planning rewrites it."""
     beside: SelectKind | None
@@ -58,6 +59,10 @@ class Placing(ChangeWithShadow):
         move = np.array(self.way)
         if self.unit == "size" and move.any():
             move = move * width_along(at.posed, at.rows, at.axes[:, 0])
+        elif self.unit == "pixels":
+            if move[2]:
+                raise F4xError("Pixels lie across the picture, not along its depth; say how many widths.")
+            move = move * at.pixel
         turn = at.axes if self.axes == "camera" else np.eye(3)
         return fields | {self.WAY: vector(turn @ move)}
 

@@ -66,16 +66,14 @@ class Blur(Change):
             much="blurry|blurred|soft focus|fuzzy|hazy|out of focus|unsharp", little="sharp|in focus",
             noun="blur|blurriness|softness", lack="sharpness", too_little="crisp", bare=True,
         )  # fmt: skip
-        radius = say.phrase("(,|with|by) (a) radius (of|=|:) <number>") >> _to
         put = say.command(
-            "put a slight blur on the dog", lambda how=None, radius=None: blurred(radius or how), "how",
-            verb="!<has_to_go> <light_verb>", radius=radius,
+            "put a slight blur on the dog", blurred, "how", verb="!<has_to_go> <light_verb>",
             how="<a_bit> (gaussian|lens|soft|depth|background|motion) [blur|blurring|defocus|bokeh|haze] (effect|filter|on|to)",
         )  # fmt: skip
         blur = say.command(
             "blur the background", blurred, "verb", who=say.whom | say.whose("edge|edges|outline|border|borders"),
             verb="{blur}|anonymous|illegible|unreadable|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp",
-            how=say.phrase("(,) <softly>") | say.phrase("(by) <number> [unit|units]") >> _to | radius,
+            how=say.phrase("(,) <softly>") | say.phrase("(by) <number> [unit|units]") >> _to,
         )  # fmt: skip
         return say.Sentences((put, blur), (quality,), made=(~say.keyword("go|all") + quality.value,))
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ...errors import F4xError
-from ...language.degrees import Distance, Steps, displacement
+from ...language.degrees import Distance, Steps, Unit, displacement
 from ...language.refusal import Refusal
 from ..change import DIRECTIONS, Change, Reply, TimeMap, Vector, check_name, check_numbers
 from ..description import beside_words, steps_in_words, way_words, whom, whom_with
@@ -43,7 +43,7 @@ class Duplicate(Placing):
     """Clip frames that a copy lags behind; negative runs ahead. Each copy by as much again."""
     count: int = 1
     """Number of copies."""
-    unit: Literal["world", "size"] = "world"
+    unit: Unit = "world"
     axes: Literal["world", "camera"] = "world"
     first_id: int = -1
     """First id of the copies; planning reserves it."""

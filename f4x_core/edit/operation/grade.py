@@ -16,7 +16,7 @@ from ..change import Ease, Span, check_range, check_span
 from ..description import percent_words, whom
 from ..selects import SelectKind
 from ..state import Appearance
-from ..values import Value, graded, refused, strong
+from ..values import Making, Value, graded, refused, strong
 from ._color import ColorChange
 from .recolour import GRAYED
 
@@ -94,9 +94,10 @@ class Grade(ColorChange):
         from .. import english as say
 
         qualities = (
-            say.Quality(graded(gamma, gone=False), more="", less="", much="", little="", noun="gamma"),
+            say.Quality(graded(grade("gamma"), gone=False), more="", less="", much="", little="", noun="gamma"),
             say.Quality(
-                graded(contrasted), "punchier|crisper", "flatter", much="contrasty|contrastful|punchy|contrasted", little="flat",
+                graded(grade("contrast")), "punchier|crisper", "flatter",
+                much="contrasty|contrastful|punchy|contrasted", little="flat",
                 noun="contrast", lack="flatness", too="harsh|hard|contrast", wished=True,
             ),
             say.Quality(
@@ -121,32 +122,22 @@ class Grade(ColorChange):
             "pizzazz|(a) (little) pop of color|more color|some color"
         )
         hue = say.command(
-            "shift the hue of the dog by 40 degrees", hue_turned, "hue angle", say.WHOLE, verb="{set,become}|{rotate}|offset",
+            "shift the hue of the dog by 40 degrees", grade("hue"), "hue by", say.WHOLE, verb="{set,become}|{rotate}|offset",
             hue="(the|its|a|all) [hue|hues] (shift|rotation|rotate|turn|offset|angle)",
-            angle="(by|of|=|+) <signed> (degrees|degree|deg|°|º)",
+            by="(by|of|=|+) <signed> (degrees|degree|deg|°|º)",
         )  # fmt: skip
         more = lambda: _saturated(None, True)  # noqa: E731
         return say.Sentences((hue,), qualities, (pop >> more,), (lively >> more,), {"desaturate": (grayed, False)})
 
 
-def gamma(to: float) -> Value:
-    """Return a grade by a gamma."""
-    return lambda who, when, _: Grade(who, gamma=round(to, PLACES), **when.coming)
+def grade(quality: str) -> Making:
+    """Return the function that makes a grade of a number for one of its fields."""
 
+    def made(by: float) -> Value:
+        number: dict[str, Any] = {quality: round(by, PLACES)}
+        return lambda who, when, _: Grade(who, **number, **when.coming)
 
-def contrasted(by: float) -> Value:
-    """Return a grade that multiplies the contrast."""
-    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
-
-
-def hue_turned(angle: float) -> Value:
-    """Return a grade that turns hues by degrees."""
-    return lambda who, when, _: Grade(who, hue=angle, **when.coming)
-
-
-def saturated(by: float) -> Value:
-    """Return a grade that multiplies the saturation."""
-    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.coming)
+    return made
 
 
 def warmed(how: Amount | None, warmer: bool) -> Value:
@@ -161,7 +152,7 @@ def warmed(how: Amount | None, warmer: bool) -> Value:
     return lambda who, when, _: Grade(who, warmth=round(warmth, PLACES), **when.coming)
 
 
-_saturated = graded(saturated)
+_saturated = graded(grade("saturation"))
 
 
 def grayed(how: Amount | None, upward: bool) -> Value:

@@ -16,6 +16,7 @@ from ..values import Value, graded
 
 if TYPE_CHECKING:
     from ...language.grammar import Rule
+    from ...language.times import TimeExpression
     from ...scene import Scene
     from ..english import Sentences
     from ..phrases import SentenceContext, When
@@ -92,7 +93,17 @@ class Freeze(Retiming):
                  "standing still|not move|no movement|stop|stopped|(perfectly|completely|absolutely) [still|"
                  "motionless|frozen]",
         )  # fmt: skip
-        return say.Sentences((freeze,))
+        lag = "(by|with|of|at) (a) (delay|lag|offset) (of|by|:|+|=) <duration>"
+        delay = say.command(
+            "delay the dog by half a second", delayed, "verb lag", say.NAMED, _playing(), verb="{=delay/offset/lag/slip}",
+            lag=f"{lag} (in time|later|late|behind)",
+        )  # fmt: skip
+        late = say.command(
+            "start the dog half a second later", delayed, "verb lag", say.NAMED, _playing(),
+            verb="{=start/begin/come/run/enter/set off/play/move}",
+            lag=f"{lag} [later|late|behind|after that]",
+        )  # fmt: skip
+        return say.Sentences((freeze, delay, late))
 
 
 @dataclass(frozen=True)
@@ -356,6 +367,16 @@ def _backward() -> Rule:
 def retimed(by: float) -> Value:
     """Return a retiming to `by` times the speed."""
     return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
+
+
+def delayed(lag: TimeExpression) -> Value:
+    """Return a freeze that makes a thing late by a time, from the first frame on or from the time that is said."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
+        at = when.frames[0] if when.frames else 0.0
+        return Freeze(who, at, at + lag.resolve(context))
+
+    return value
 
 
 def frozen(who: SelectKind, when: When, context: SentenceContext) -> Change:

@@ -152,10 +152,10 @@ class Extract(Removal):
             verb="{keep,isolate}|standing|want|(be) [left|visible|seen|shown|there|remaining]|stay|remain|"
                  "remains|lift|lift out|in it",
             only=say.phrase(
-                "(on) [{isolate}|[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|"
-                "would like] (to see)|only|just|solely|on [its|his|her|their] own|by itself|all by itself|"
-                "soloed|in isolation|isolated|nothing else|and nothing else|no one else|and nobody else|"
-                "exclusively]"
+                "(on) [{isolate}|[i|we] (only|just) [want|need] (to see) only|[i|we] [only|just] [want|need|would like] (to "
+                "see)|only|just|solely|on [its|his|her|their] own|by itself|all by itself|soloed|in isolation|isolated|nothing "
+                "else|[nothing|nobody|no one|none] (else) [but|except (for)|other than]|and nothing else|no one else|and "
+                "nobody else|exclusively]"
             )
             | say.literal("alone") + say.here(lambda reading, at: leaving.isdisjoint(reading.words)),
         )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ...geometry import quaternion
-from ...language.degrees import DEGREES, Amount, Distance, Steps, displacement
+from ...language.degrees import DEGREES, Amount, Distance, Steps, Unit, displacement
 from ...language.lexicon import PLACES, word_set
 from ...language.refusal import Mismatch, Refusal
 from ..change import DIRECTIONS, Change, Ease, Reply, Span, Vector, check_numbers, check_scale, check_span
@@ -78,7 +78,7 @@ class Transform(Placing):
     """Factor of distances from the pivot and of the Gaussians' sizes."""
     pivot: Literal["centroid", "base"] | Vector = "centroid"
     """`centroid` of the selection at each frame, the `base`: its lowest middle, or a point of the world."""
-    unit: Literal["world", "size"] = "world"
+    unit: Unit = "world"
     axes: Literal["world", "camera"] = "world"
     frames: Span | None = None
     """None: always in full. Else from nothing at the first to all at the last, and held after it."""
