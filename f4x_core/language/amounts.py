@@ -26,6 +26,7 @@ from .notation import Notation
 from .refusal import Mismatch
 
 _say = Notation(globals(), VOCABULARY)
+_MANY = {"hundred": 100.0, "dozen": 12.0}
 _fraction_word = table(
     {
         "half|one half|a half|the half": 0.5,
@@ -63,18 +64,26 @@ def _counted_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
             yield at + 2, float(TENS[word] + ONES[following])
         yield at + 1, float(TENS[word])
     elif word in ONES:
+        if following in _MANY:
+            yield at + 2, _MANY[following] * ONES[word]
         if following == "point" and reading.word(at + 2) in ONES:
             yield at + 3, ONES[word] + ONES[reading.word(at + 2)] / 10
         yield at + 1, float(ONES[word])
+    elif word in ("a", "one") and following in _MANY:
+        yield at + 2, _MANY[following]
+    elif word in _MANY:
+        yield at + 1, _MANY[word]
+    elif (word, following, reading.word(at + 2)) == ("half", "a", "dozen"):
+        yield at + 3, 6.0
     elif "couple" in (word, following if word == "a" else ""):
         end = at + 1 + (word == "a")
         yield end + (reading.word(end) == "of"), 2.0
 
 
-_NUMBER_WORDS = frozenset((*TENS, *ONES, "0", "a", "couple"))
+_NUMBER_WORDS = frozenset((*TENS, *ONES, *_MANY, "0", "a", "half", "couple"))
 number = generated(number_at, lambda: _NUMBER_WORDS)
 signed = _say("[-|minus] <number>") >> (lambda x: -x) | number
-VOCABULARY.update(ONES, TENS, FRACTIONS)
+VOCABULARY.update(ONES, TENS, FRACTIONS, _MANY)
 
 percent = _say("<number> [%|percent|per cent|pct]") >> (lambda x: x / 100)
 _any_fraction = _fraction_word | generated(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from .colour_names import COLOURS, SHADES, Colour, from_hex, shaded
+from .colour_names import COLOURS, HALF, SHADES, Colour, from_hex, shaded
 from .grammar import Reading, either, generated, keyword, table
 from .lexicon import word_set
 
@@ -29,22 +29,37 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
             yield end, shaded(shade, base)
 
 
-def _whole_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
-    """Yield (end, color) of a color with a plain one behind it, "eggshell white", and of one alone."""
+def _mixed_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
+    """Yield (end, color) of two colors in one word, "blue-green", of one with a tinge, "reddish brown", and of a plain one."""
+    for end, (tinge,) in colourish.at(reading, at).items():
+        for last, base in _colour_at(reading, end):
+            yield last, _between(base, tinge, _TINGE)
     for end, one in _colour_at(reading, at):
-        if reading.word(end) in PURE_COLOURS and reading.word(end - 1) not in PURE_COLOURS:
+        if reading.word(end) in PURE_COLOURS and reading.word(end - 1) not in PURE_COLOURS:  # "eggshell white"
             yield end + 1, one
-        yield end, one
+        if reading.sentence[reading.tokens[end - 1].end :][:1] == "-":
+            for last, other in _colour_at(reading, end):
+                yield last, _between(one, other, HALF)
+    yield from _colour_at(reading, at)
 
 
+def _between(one: Colour, other: Colour, share: float) -> Colour:
+    red, green, blue = (round(a + share * (b - a), 3) for a, b in zip(one, other, strict=True))
+    return red, green, blue
+
+
+_TINGE = 0.25
+"""How far "reddish brown" is from brown to red."""
 _REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
 _REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
 _REDDISH = {name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")}
 _REDDISH |= {"reddish": "red", "bluish|blueish": "blue", "whitish": "white", "purplish": "purple", "goldish": "gold"}
 colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()})
 colour = generated(
-    _whole_at,
-    lambda: frozenset(name[:end] for name in COLOURS for end in range(1, len(name) + 1)).union(SHADES, _COMPARED, "#"),
+    _mixed_at,
+    lambda: frozenset(name[:end] for name in COLOURS for end in range(1, len(name) + 1)).union(
+        SHADES, _COMPARED, "#", colourish.first or ()
+    ),
 )
 more_colour = either(
     table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),

@@ -73,9 +73,8 @@ def _found(scene: Scene, chosen: np.ndarray, config: OutlineConfig) -> np.ndarra
             matte = refine_matte(np.clip(coverage, 0, 1), shown.picture, shown.background, config.matte)
             inside += weights.sums(resize_nearest(matte, wide, high)[..., None])[:, 0]
         found = np.where(total > config.seen, (inside > MOSTLY * total) & (scene.moving | chosen), found)
-        if (
-            total[chosen & ~found].sum() > MOSTLY * total[chosen].sum()
-        ):  # a shadow that was meant, or a thing like its background
+        lost = total[chosen & ~found].sum() > MOSTLY * total[chosen].sum()
+        if lost:  # a shadow that was meant, or a thing like its background
             return chosen
     return found
 
