@@ -648,7 +648,9 @@ def _unknown_word(reading: Reading) -> str:
     things = {word for words in reading.known for word in words}
     for at, token in enumerate(reading.tokens):
         if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS):
-            return f"I do not understand '{reading.text_of(at, at + 1)}'."
+            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | things)
+            hint = f"; did you mean '{close}'?" if close else "."
+            return f"I do not understand '{reading.text_of(at, at + 1)}'{hint}"
     return ""
 
 

@@ -100,7 +100,7 @@ SYNONYMS = _table(
     "cat, bike bicycle, auto car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf "
     "cow, bull cow, vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy stroller, "
     "pushchair stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, tram streetcar, hound "
-    "dog, bunny rabbit, biker cyclist, lass girl, youngster child, tot child, infant baby, folks people, spectator person, "
+    "dog, bunny rabbit, biker cyclist, lass girl, youngster child, tot child, infant baby, folks people, "
     "pavement sidewalk, seaside sea, birdie bird, ducky duck, duckie duck, horsie horse, horsey horse, piggy pig, froggy frog, "
     "fishy fish, onlooker person, bystander person, breakdancer dancer, ballerina dancer, trike bicycle, scoot scooter, individual "
     "person, pedestrian person, motorcar car, pickup truck, shrub bush, steed horse, mare horse, stallion horse, foal horse, ship "
@@ -224,7 +224,7 @@ SETTING = (
 EVERYBODY = ("person", "people", "human")
 PEOPLE = (
     r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|faces?|"
-    r"hands?|crowd|(?:bicycl|motorcycl|cycl|art|tour|guitar|pian|viol)ists?|ballerinas?|skaters?|surfers?|jockeys?|nurses?|"
+    r"hands?|(?:bicycl|motorcycl|cycl|art|tour|guitar|pian|viol)ists?|ballerinas?|skaters?|surfers?|jockeys?|nurses?|"
     r"(?:horse |bike )?(?:rid|driv|danc|runn|swimm|walk|work|play|passeng|teach|farm|soldi|paint|conduct|act|sail|sing|act|wait|"
     r"danc|box|climb|jump|skat|surf|wrestl|referee|fight|photograph|bik)(?:er|or)s?|passengers?|soldiers?|tracers?|athletes?|"
     r"cyclists?|pilots?|doctors?|cooks?|chefs?|brides?|grooms?|students?|kings?|queens?|boss(?:es)?|friends?|pedestrians?"

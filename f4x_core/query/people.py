@@ -62,7 +62,7 @@ _KEPT = r"\"[^\"]*\"|\b(?:call|name|label) (?:it|this|that|him|her|them|the sele
 _OF_MANY = rf"(?<!there )(?<!many )(?<!first )(?<!last )\b(?:both|(?:all |the |these )*{_NUMBER}) (?:of the |the )?({_SOMEBODY})\b"
 _LABEL = rf"\b(?:(?:{_NTH}) {_SOMEBODY}(?:'s? {_PARTS})?|{_SOMEBODY}'s? {_PARTS})\b"
 _UNKNOWN = {
-    r"person|people|humans?|crowd|(?:some|any|every)(?:body|one)": "",
+    r"person|people|humans?|(?:some|any|every)(?:body|one)": "",
     r"[a-z]*m[ae]n|[a-z]*wom[ae]n|boys?|girls?|guys?|lad(?:y|ies)": "men from women",
     r"child(?:ren)?|kids?|bab(?:y|ies)": "children from adults",
     r".*": "what people are or do",
@@ -255,7 +255,7 @@ def person_at(scene: Scene, pixels: np.ndarray, frame: int, part: bool = False) 
 
 def _one(whom: str) -> str:
     """Return the word for one of the people that a word names."""
-    return "person" if whom == "crowd" or whom.endswith(("body", "one")) else singular(whom)
+    return "person" if whom.endswith(("body", "one")) else singular(whom)
 
 
 def _meaning(scene: Scene, label: str) -> re.Match[str] | None:

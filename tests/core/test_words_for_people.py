@@ -384,3 +384,12 @@ def test_a_name_that_somebody_gave_is_no_number(name, called):
 def test_a_question_means_who_was_called_so():
     scene = with_operations(THREE, *propose(THREE, 'call the last person "second person"').chosen.operations)
     assert "second person stands still" in answer(scene, "does the second person move?", names=named(scene)).text
+
+
+@pytest.mark.parametrize("word", ["crowd", "spectators", "spectator", "audience"])
+def test_those_who_look_on_are_not_those_whom_the_fit_found(word):
+    """A dancer is found, her audience of fifty is not: "remove the crowd" must not take her away."""
+    scene = scene_with_people()
+    assert by_words(scene, ["people"])["people"].chosen.any()
+    with pytest.raises(F4xError, match="knows no words"):
+        by_words(scene, [word])
