@@ -23,8 +23,7 @@ from ..raster import RasterConfig, RasterOutput, rasterize
 from ..scaffold import Scaffold
 from ..scaffold.deformation.native.autograd import GaussianTensors, NativeDeformer, NodeTensors
 from ..scaffold.deformation.sparse import Deformer
-from ..scaffold.distance import curve_distance
-from ..scaffold.graph import GraphConfig, multilevel_edges
+from ..scaffold.graph import GraphConfig
 from ..scaffold.losses import ArapEdges
 from ..scaffold.radius import RadiusConfig, radius_from_logit, radius_to_logit
 from ..scaffold.skinning import Kernel
@@ -54,12 +53,9 @@ class NodeSet:
                 name: torch.from_numpy(np.ascontiguousarray(value, np.float32)).clone().requires_grad_(True)
                 for name, value in start.items()
             }
-        scaffold, graph = self.scaffold, self.graph
-        self.neighbours = torch.from_numpy(scaffold.neighbours).long()
-        self.edge_mask = torch.from_numpy(scaffold.edge_mask)
-        distance = curve_distance(scaffold.xyz, None, graph.kth)
-        levels = multilevel_edges(distance, scaffold.unit, graph, seed=0)
-        self.edges = ArapEdges.build(scaffold.neighbours, scaffold.edge_mask, graph.base_weight, levels)
+        self.neighbours = torch.from_numpy(self.scaffold.neighbours).long()
+        self.edge_mask = torch.from_numpy(self.scaffold.edge_mask)
+        self.edges = ArapEdges.of(self.scaffold, self.graph)
 
     @property
     def radius_limit(self) -> float:

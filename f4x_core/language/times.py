@@ -65,7 +65,7 @@ class Span(NamedTuple):
     """None: open."""
     kind: str = "range"
     """`moment`, `from`: only the start is given, at or since which it is; `by`: only when it is done; `length`: only the length;
-    `in`: after so long, or for so long; `later`: so long after what was said before; `always`."""
+    `in`: after so long, or for so long; `later`: so long after the time given before; `always`."""
 
 
 _say = Notation(globals(), VOCABULARY)

@@ -16,8 +16,7 @@ from ..progress import Progress, silent
 from .adam import Adam
 from .deformation.native.autograd import GaussianTensors, NativeDeformer, NodeTensors
 from .deformation.sparse import Deformer
-from .distance import curve_distance
-from .graph import attach_nodes, multilevel_edges
+from .graph import attach_nodes
 from .lifting import LiftedTracks
 from .losses import ArapEdges, motion_loss
 from .optimise import GeometryConfig, with_graph
@@ -134,10 +133,7 @@ def follow_tracks(
     geometry = config.geometry
     start = xyz.detach().clone()
     view = torch.nn.functional.normalize(start - torch.from_numpy(cameras.centers).to(start)[:, None], dim=-1)
-    distance = curve_distance(scaffold.xyz, None, geometry.graph.kth)
-    levels = multilevel_edges(distance, scaffold.unit, geometry.graph, config.seed)
-    edges = ArapEdges.build(scaffold.neighbours, scaffold.edge_mask, geometry.graph.base_weight, levels)
-    terms = geometry.terms(edges, kernels)
+    terms = geometry.terms(ArapEdges.of(scaffold, geometry.graph, config.seed), kernels)
     optimiser = Adam([{"params": [value], "lr": 0.0} for value in (xyz, quat)], kernels)
     for step in range(config.steps):
         for group in optimiser.param_groups:

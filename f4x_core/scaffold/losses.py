@@ -13,8 +13,10 @@ import torch
 
 from ..geometry import quaternion
 from ..native.kernels import TORCH, Kernels
-from .graph import EdgeLevel
+from .distance import curve_distance
+from .graph import EdgeLevel, GraphConfig, multilevel_edges
 from .motion_native import MotionProblem, MotionWeights, NativeMotion
+from .structure import Scaffold
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,12 @@ class ArapEdges:
     def listed(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, int]:
         """The fields, for the compiled library."""
         return self.node, self.neighbour, self.weight, self.detached_from
+
+    @classmethod
+    def of(cls, scaffold: Scaffold, graph: GraphConfig, seed: int = 0) -> "ArapEdges":
+        """Return the edges of a scaffold and of coarse levels drawn anew, by distances over all its frames."""
+        levels = multilevel_edges(curve_distance(scaffold.xyz, None, graph.kth), scaffold.unit, graph, seed)
+        return cls.build(scaffold.neighbours, scaffold.edge_mask, graph.base_weight, levels)
 
     @classmethod
     def build(

@@ -370,7 +370,7 @@ def retimed(by: float) -> Value:
 
 
 def delayed(lag: TimeExpression) -> Value:
-    """Return a freeze that makes a thing late by a time, from the first frame on or from the time that is said."""
+    """Return a freeze that makes a thing late by a time, from the first frame on or from the time that is given."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Change:
         at = when.frames[0] if when.frames else 0.0
