@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NoReturn
 
 import numpy as np
@@ -56,6 +56,7 @@ class Result:
     kind: Any
 
 
+@cache
 def _name(dtype: Any) -> str:
     """Return the name of a dtype of numpy or torch, for example `float32`."""
     return str(dtype).removeprefix("torch.")
@@ -174,8 +175,13 @@ class Function:
 def _length(axis: Length, sizes: Mapping[str, int]) -> int:
     if isinstance(axis, int):
         return axis
-    products = (term.split("*") for term in axis.split("+"))
-    return sum(math.prod(int(part) if part.isdigit() else sizes[part] for part in parts) for parts in products)
+    return sum(math.prod(part if isinstance(part, int) else sizes[part] for part in parts) for parts in _terms(axis))
+
+
+@cache
+def _terms(axis: str) -> tuple[tuple[Length, ...], ...]:
+    """Return the products, each a row of factors, whose sum `axis` is."""
+    return tuple(tuple(int(part) if part.isdigit() else part for part in term.split("*")) for term in axis.split("+"))
 
 
 def _c_type(kind: Any) -> Any:
