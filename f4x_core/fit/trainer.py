@@ -188,7 +188,8 @@ class Trainer:
     def train_step(self) -> float:
         """Draw one frame, move the parameters along the gradient of its loss, do the actions; returns the loss."""
         self._act(Moment.START)
-        frame, config = self._next_frame(), self.config
+        frame, config = self._next_of(self.order, range(len(self.model.times))), self.config
+        assert frame is not None, "a fit keeps a few frames aside, never all"
         data = self.levels[-1] if self.fraction < config.coarse else self.levels[0]
         rendered = self.render(frame, data, self._background())
         loss = total_loss(self.losses, self.step, rendered)
@@ -218,7 +219,8 @@ class Trainer:
 
     def _take_closeup(self, data: FrameData) -> None:
         """Draw the window around what moves in another frame, and move dynamic Gaussians and nodes along the gradient."""
-        frame, full = self._next_closeup(), self.levels[0]
+        full = self.levels[0]
+        frame = self._next_of(self.closeup_order, full.moving_windows)
         if frame is None:
             return
         window = full.moving_windows[frame].part(int(CLOSEUP_PIXELS * full.width * full.height), self.generator)
@@ -231,17 +233,14 @@ class Trainer:
         """Return the color (3,) behind the next picture."""
         return torch.rand(3, generator=self.generator) if self.config.random_background else None
 
-    def _next_frame(self) -> int:
-        """Return the next frame: each supervised one once, in random order, then again; without those that are kept aside."""
-        if not self.order:
-            self.order = self._shuffled(range(len(self.model.times)))
-        return self.order.pop()
+    def _next_of(self, order: list[int], frames: Iterable[int]) -> int | None:
+        """Take the next frame out of `order`, which is filled with `frames` in random order whenever it is empty.
 
-    def _next_closeup(self) -> int | None:
-        """Return the frame of the next close-up, as `_next_frame` of those in which something moves; None: all are kept aside."""
-        if not self.closeup_order:
-            self.closeup_order = self._shuffled(self.levels[0].moving_windows)
-        return self.closeup_order.pop() if self.closeup_order else None
+        None: all `frames` are kept aside.
+        """
+        if not order:
+            order += self._shuffled(frames)
+        return order.pop() if order else None
 
     def _shuffled(self, frames: Iterable[int]) -> list[int]:
         """Return the frames in random order, without those that are kept aside now."""

@@ -83,7 +83,7 @@ def test_a_step_moves_every_parameter_as_adam_does_along_the_gradient_of_the_los
         twin.step = stage.step - 1
         twin.generator.set_state(state)
         twin._act(trainer.Moment.START)
-        twin._next_frame(), torch.rand(3, generator=twin.generator)
+        twin._next_of(twin.order, range(len(twin.model.times))), torch.rand(3, generator=twin.generator)
         with torch.no_grad():
             for key, value in parameters_of(twin).items():
                 value.copy_(before[key])
@@ -136,11 +136,11 @@ def test_a_closeup_shows_its_part_of_the_picture_and_moves_what_moves_alone(stag
 
 def test_each_frame_in_which_something_moves_has_a_closeup_before_one_has_a_second(stage_of):
     stage = stage_of(closeups=2)
-    stage.levels[0].moving_windows = dict.fromkeys((0, 2, 3), Window(0, 0, 9, 9))
-    drawn = [stage._next_closeup() for _ in range(9)]
+    stage.levels[0].moving_windows = windows = dict.fromkeys((0, 2, 3), Window(0, 0, 9, 9))
+    drawn = [stage._next_of(stage.closeup_order, windows) for _ in range(9)]
     assert [sorted(drawn[i : i + 3]) for i in (0, 3, 6)] == [[0, 2, 3]] * 3 and len({*drawn[:3]}) == 3
     stage.aside = frozenset({0, 2, 3})
-    assert stage._next_closeup() is None
+    assert stage._next_of(stage.closeup_order, windows) is None
     stage._take_closeup(stage.levels[0])  # nothing to draw
 
 
