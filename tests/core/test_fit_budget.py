@@ -90,12 +90,12 @@ def test_a_small_machine_takes_fewer_gaussians_or_refuses(monkeypatch):
 
 def test_minutes_take_steps_of_long_clips_before_they_take_gaussians():
     quick, size = profile("quick"), dataclasses.replace(SIZE, frames=300)
-    assert for_clip(None, size, quick, SPEED).steps == for_clip(1000, size, quick, SPEED).steps == 3600
-    assert for_clip(0.1, size, quick, SPEED).steps == 1200 and for_clip(0.1, SIZE, quick, SPEED) is quick
+    assert for_clip(None, size, quick, SPEED).steps == for_clip(1000, size, quick, SPEED).steps == 2400
+    assert for_clip(0.1, size, quick, SPEED).steps == 800 and for_clip(0.1, SIZE, quick, SPEED) is quick
     whole = for_frames(quick, 300)
-    least = cost(size, dataclasses.replace(whole, steps=1200), SPEED).minutes
+    least = cost(size, dataclasses.replace(whole, steps=800), SPEED).minutes
     some = for_clip(least + 0.5, size, quick, SPEED)
-    assert 1200 < some.steps < 3600 and least + 0.45 < cost(size, some, SPEED).minutes <= least + 0.5
+    assert 800 < some.steps < 2400 and least + 0.45 < cost(size, some, SPEED).minutes <= least + 0.5
     allowed = within(Grant(minutes=least + 0.5), size, some, SPEED)
     assert max_gaussians(allowed) >= 0.99 * expected_gaussians(size, whole)
 
@@ -167,7 +167,9 @@ def test_what_was_set_by_hand_is_made_no_larger_by_a_grant(grant):
     fitting = within(grant, SIZE, config, SPEED)
     assert fitting.spawn_static.max_count == 100 and fitting.own_counts == ("spawn_static.max_count",)
     assert fitting.density_static.max_count > config.density_static.max_count
-    assert within(Grant(minutes=5.5), ClipSize(80, 854, 480), config, SPEED).own_counts == (), "less is granted"
+    size = ClipSize(80, 854, 480)
+    less = Grant(minutes=0.9 * cost(size, config, SPEED).minutes)
+    assert within(less, size, config, SPEED).own_counts == ()
 
 
 def written_out(frames: int = 20, **changes):

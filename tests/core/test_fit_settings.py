@@ -121,7 +121,7 @@ def test_the_last_of_two_wins_and_the_configuration_stays_as_it_was():
 
 def test_clips_of_many_frames_take_as_many_steps_for_each_and_numbers_set_by_hand_stay():
     quick = profile("quick")
-    assert [for_frames(quick, frames).steps for frames in (3, 100, 101, 300)] == [1200, 1200, 1212, 3600]
+    assert [for_frames(quick, frames).steps for frames in (3, 100, 101, 300)] == [800, 800, 808, 2400]
     assert for_frames(replace(quick, steps=50), 300).steps == 50
     long = for_frames(replace(quick, spawn_dynamic=replace(quick.spawn_dynamic, max_count=7)), 300)
     assert (long.spawn_dynamic.max_count, long.density_dynamic.max_count) == (7, 3 * quick.density_dynamic.max_count)
