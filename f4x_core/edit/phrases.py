@@ -141,11 +141,16 @@ class SentenceContext(Clip):
             return together((self.copies[select.name], select))
         return select.of if isinstance(select, Instance) else select
 
+    @property
+    def next_copy(self) -> str:
+        """The name of the next copies that nobody names."""
+        return f"{COPY} {len(self.copies) + 1}" if self.copies else COPY
+
     def copied(self, operation: Any) -> tuple[Any, SelectKind]:
         """Return (the operation with a name for its copies, which "it" means from now on; the selection that "they" means)."""
         name = operation.name
         if not name:
-            name = f"{COPY} {len(self.copies) + 1}" if self.copies else COPY
+            name = self.next_copy
             self.spare.add(name)
         self.copies[name] = operation.select
         self.last = Named(name)
@@ -752,7 +757,7 @@ _everything = keyword(
     "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|all "
     "[things|objects]|every (single) [object|thing]|[everything|all] there is (to see)|"
     f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|"
-    f"[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
+    f"[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]|plate"
 )
 _around = (
     _say("[(the) [world|scene|surroundings|space]|(the|all the) things|everything|all] around <_neighbour>") >> _all_but

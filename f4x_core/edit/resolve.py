@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -103,6 +103,13 @@ class Resolver:
         self._before: Scene | None = None
         self._resolved: dict[SelectKind, SelectKind] = {}
         self._hidden_too = False
+        self._several: dict[str, int] = {}
+
+    @property
+    def all_of_several(self) -> Iterator[str]:
+        """A sentence about each noun in the singular of which there are several, that are all meant."""
+        for noun, many in self._several.items():
+            yield f"There are {many} {plural_of(noun)}, and all of them are meant; say for example 'the left {noun}' for one."
 
     def resolve_sentence(self, scene: Scene, operations: Sequence[Change], tidy: bool = False) -> tuple[Change, ...]:
         """Return the operations of one sentence, each resolved in the scene that those before it leave.
@@ -224,7 +231,10 @@ class Resolver:
                 words = " and ".join(whom(self._cached(scene, one, tidy)) for one in each)
             elif isinstance(select, Text) and select.labels[0].split()[-1] not in UNCOUNTED:
                 many = self._count(scene, rows_of(scene, found))
-                words = f"the {many} {plural_of(singular(select.labels[0]))}" if many > 1 else words
+                if many > 1:
+                    noun = singular(select.labels[0])
+                    words = f"the {many} {plural_of(noun)}"
+                    self._several |= {noun: many} if select.single else {}
             return replace(found, words="".join(filter(str.isprintable, words))[:MAX_WORDS_LENGTH])
         return found
 
@@ -433,6 +443,12 @@ class Settling:
         if depth <= 0:
             raise F4xError("What lies behind the camera is not moved by pixels; say how many widths.")
         return depth / camera.focal
+
+    @property
+    def picture(self) -> np.ndarray:
+        """(3,) width and height of the clip's pictures in pixels, and 0."""
+        camera = self.scene.cameras.at(self.time)
+        return np.array([camera.width, camera.height, 0.0])
 
     def each(self) -> tuple[SelectKind, ...]:
         """Return the separate things of the selection; none where it is one."""

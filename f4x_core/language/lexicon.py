@@ -46,6 +46,19 @@ def written(sentence: str) -> str:
     return _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
 
 
+_SHOT = re.compile(
+    r"\s*(?:[a-z]{2,}\d{2,}\w*|\w+_\w+|(?:shot|sh|seq|sq|scene)\s*#?\d+)(?:\s+v\d+)?(?:\s*[:,]|\s+[-–—])\s*", re.IGNORECASE
+)
+"""The code of a shot before a note: "SH010:", "sq20_sh0030 -"."""
+
+
+def without_shot(sentence: str, names: Collection[str] = ()) -> str:
+    """Return a note without the code of its shot, which is none of the `names` that somebody gave."""
+    found = _SHOT.match(sentence)
+    named = found and any(found[0].lower().strip().startswith(name.lower()) for name in names)
+    return sentence[found.end() :] if found and not named and found.end() < len(sentence) else sentence
+
+
 _CONTRACTED = {
     "'s is": "that what where who there here when how why he she it whatever everything nothing",
     "'re are": "they you we what where who how there these those",
@@ -96,7 +109,7 @@ PLURALS = _table(
 """Plurals that no rule gives."""
 SYNONYMS = _table(
     "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid child, "
-    "kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten "
+    "kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, doggo dog, pooch dog, hound dog, kitty cat, kitten "
     "cat, bike bicycle, auto car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf "
     "cow, bull cow, vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy stroller, "
     "pushchair stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, tram streetcar, hound "
