@@ -457,13 +457,13 @@ _SUBJECTS = word_set("it he she this that which who i you we they")
 def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """Yield (end, word) of one unknown word without an article, which might be a verb ("and juggle").
 
-    That is a thing where no label is known at all, in the plural, where the sentence named it before, or behind the verb that a
-    note begins with: "omit vehicle".
+    That is a thing where no label is known at all, in the plural, where the sentence named it before, a shadow, or behind the verb
+    that a note begins with: "omit vehicle".
     """
     earlier_words = {token.text for token in reading.tokens[:at]}
     noted = at == 1 and reading.word(0) in _CHANGING
     for end, name in _stranger_at(reading, at) if reading.word(at - 1) not in _SUBJECTS else ():
-        if noted or not reading.known or _is_plural(reading, at) or name in earlier_words:
+        if noted or not reading.known or _is_plural(reading, at) or name in earlier_words or is_cast(name):
             yield end, name
 
 

@@ -115,7 +115,7 @@ def propose(
             found.append(Candidate(settled, why, sentence))
         if len(found) == candidates:
             break
-    notes += (*remarks_on(scene, words_in(asked)), *resolver.all_of_several, *_idle(scene, found[0].operations))
+    notes += (*remarks_on(scene, words_in(asked)), *resolver.remarks, *_idle(scene, found[0].operations))
     proposal = Proposal(sentence, tuple(found), 0, understood_by, notes=notes)
     if len(found) == 1:
         return proposal

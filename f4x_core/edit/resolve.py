@@ -15,7 +15,8 @@ from ..language.compounds import head_of, names_another
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from ..query.attached import attached_to
 from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to, ways_of
-from ..query.inventory import instead, labels_of
+from ..query.cast import needs_no_teacher
+from ..query.inventory import instead, is_doubtful, labels_of
 from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
@@ -104,10 +105,13 @@ class Resolver:
         self._resolved: dict[SelectKind, SelectKind] = {}
         self._hidden_too = False
         self._several: dict[str, int] = {}
+        self._doubtful: set[str] = set()
 
     @property
-    def all_of_several(self) -> Iterator[str]:
-        """A sentence about each noun in the singular of which there are several, that are all meant."""
+    def remarks(self) -> Iterator[str]:
+        """A sentence about each word whose thing may not be there, and each noun in the singular of which several are meant."""
+        for label in sorted(self._doubtful):
+            yield f"Whether '{label}' is in the scene is doubtful: `f4x info` does not list it among what the scene answers to."
         for noun, many in self._several.items():
             yield f"There are {many} {plural_of(noun)}, and all of them are meant; say for example 'the left {noun}' for one."
 
@@ -165,6 +169,8 @@ class Resolver:
             found = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
             if len(text.labels) == 1:
                 refuse_evidence_of_another(scene, text.labels[0], found.at_threshold(THRESHOLD), self.encode)
+                if not needs_no_teacher(scene, text.labels[0]) and is_doubtful(scene, found):
+                    self._doubtful.add(text.labels[0])
             self._found[key] = found
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)

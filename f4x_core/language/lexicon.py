@@ -47,7 +47,8 @@ def written(sentence: str) -> str:
 
 
 _SHOT = re.compile(
-    r"\s*(?:[a-z]{2,}\d{2,}\w*|\w+_\w+|(?:shot|sh|seq|sq|scene)\s*#?\d+)(?:\s+v\d+)?(?:\s*[:,]|\s+[-–—])\s*", re.IGNORECASE
+    r"\s*(?:[a-z]{2,}\d{2,}\w*|\w+_\w+|(?:shot|sh|seq|sq|scene)\s*#?\d+)(?:\s+v\d+)?(?:\s*[:,]|\s+[-–—])\s*",
+    re.IGNORECASE,
 )
 """The code of a shot before a note: "SH010:", "sq20_sh0030 -"."""
 

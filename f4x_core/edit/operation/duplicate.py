@@ -15,7 +15,7 @@ from ...language.refusal import Refusal
 from ...query.connected_objects import VISIBLE
 from ..change import DIRECTIONS, Change, Reply, TimeMap, Vector, check_name, check_numbers
 from ..description import beside_words, steps_in_words, way_words, whom, whom_with
-from ..selects import COPY, Named, SelectKind, parts_of
+from ..selects import Named, SelectKind, parts_of
 from ..splat_rows import with_copies, with_name
 from ..values import Given, Value
 from ._place import BESIDE, COPY_DISTANCE, RIGHT, Placing
@@ -141,7 +141,7 @@ class Duplicate(Placing):
             sentence += f" {way_words(self.offset, self.unit, self.axes)}"
         if self.time_shift:
             sentence += f" {abs(self.time_shift):g} frames {'later' if self.time_shift > 0 else 'earlier'}"
-        return sentence + (f", called {self.name}" if self.name and not self.name.startswith(COPY) else "")
+        return sentence + (f", called {self.name}" if self.name else "")
 
     def as_seen(self, seen: Seen) -> str:
         way, later = steps_in_words(seen.in_widths(self.offset)), self.time_shift
@@ -150,7 +150,7 @@ class Duplicate(Placing):
             seconds = f"{abs(later) / seen.scene.fps:.1f} s"
             parts.append(f"plays {abs(later):g} frames ({seconds}) {'later' if later > 0 else 'earlier'}")
         copies = "the copy" if self.count == 1 else f"each of the {self.count} copies, seen from the one before,"
-        named = f", called {self.name}" if self.name and not self.name.startswith(COPY) else ""
+        named = f", called {self.name}" if self.name else ""
         return f"copy {whom_with(self)}{named}: {copies} {' and '.join(parts) or 'is in the same place'}"
 
     def in_axes(self, moved: Callable[[Vector], Vector], turned: Callable[[Vector], Vector]) -> Duplicate:

@@ -336,7 +336,11 @@ def more_of(rgb: Vector) -> Graded:
     def changed(how: Amount | None, upward: bool) -> Value:
         if how is not None and how.kind != "fraction" and how.kind not in DEGREES:
             raise Mismatch
-        times = DEGREES[how.kind if how else "usual"].share if how is None or how.kind in DEGREES else how.value / MORE_COLOUR
+        times = (
+            DEGREES[how.kind if how else "usual"].share
+            if how is None or how.kind in DEGREES
+            else how.value / MORE_COLOUR
+        )
         return added(times, (rgb, 1 if upward else -1))
 
     return changed
