@@ -14,8 +14,8 @@ from ..language.cast_words import caster, is_cast
 from ..language.compounds import head_of, names_another
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from ..query.attached import attached_to
-from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to, ways_of
 from ..query.cast import needs_no_teacher
+from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to, ways_of
 from ..query.inventory import instead, is_doubtful, labels_of
 from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label

@@ -110,7 +110,7 @@ PLURALS = _table(
 """Plurals that no rule gives."""
 SYNONYMS = _table(
     "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid child, "
-    "kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, doggo dog, pooch dog, hound dog, kitty cat, kitten "
+    "kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, doggo dog, pooch dog, kitty cat, kitten "
     "cat, bike bicycle, auto car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf "
     "cow, bull cow, vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy stroller, "
     "pushchair stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, tram streetcar, hound "

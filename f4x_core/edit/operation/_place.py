@@ -33,7 +33,7 @@ class Placing(ChangeWithShadow):
     WAY: ClassVar[str]
     """Name of the field with the way."""
     unit: Unit
-    """`size`: in widths of the selection; `pixels`, `pictures`: of the clip, at its depth. Planning rewrites it into world units."""
+    """`size`: in widths of the selection; `pixels`, `pictures`: of the clip, at its depth. Planning makes them world units."""
     axes: Literal["world", "camera"]
     """`camera`: right, down, forward of the clip's camera at the first frame concerned. Planning rewrites it."""
     beside: SelectKind | None

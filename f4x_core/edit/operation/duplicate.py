@@ -17,7 +17,7 @@ from ..change import DIRECTIONS, Change, Reply, TimeMap, Vector, check_name, che
 from ..description import beside_words, steps_in_words, way_words, whom, whom_with
 from ..selects import Named, SelectKind, parts_of
 from ..splat_rows import with_copies, with_name
-from ..values import Given, Value
+from ..values import Given
 from ._place import BESIDE, COPY_DISTANCE, RIGHT, Placing
 from .opacity import Opacity
 from .transform import Transform

@@ -179,7 +179,8 @@ class Recolour(Dye):
         )  # fmt: skip
         tint = say.command(
             "tint the dog orange", lambda rgb, share=A_BIT: assigned(rgb, share), "verb rgb", verb="{tint}",
-            rgb="<a_color> <shade_of> [<colour>|<colourish>] (<colored>)", share=~say.keyword("by|at") + (say.percent >> say.at_most),
+            rgb="<a_color> <shade_of> [<colour>|<colourish>] (<colored>)",
+            share=~say.keyword("by|at") + (say.percent >> say.at_most),
         )  # fmt: skip
         rest = say.command(
             "only the dog keeps its color", say.always(rest_grayed), "only keeps", say.NAMED, verb="{keep,show}|let",
