@@ -85,7 +85,7 @@ def parse(
         raise Refusal(
             f"The sentence has {len(request.sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
-    sentence = without_shot(written(request.sentence), request.names)
+    sentence = without_shot(written(request.sentence), (*request.labels, *request.names))
     known = _known(tuple(request.labels), tuple(request.names))
 
     def settled(read: Read) -> tuple[Change, ...]:
@@ -602,6 +602,8 @@ def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
     left_out = [one for one in spared if one not in (select, Not(select)) and Not(one) != select]
     if isinstance(select, Instance):  # "the back one, leave the front one alone"
         left_out = [one for one in left_out if not (isinstance(one, Instance) and one.of == select.of)]
+    if isinstance(select, And):
+        left_out = [one for one in left_out if Not(one) not in select.of]
     if not left_out:
         return operation
     if operation.left is not None:
@@ -680,7 +682,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     to be done.
     """
     known = _known(tuple(there))
-    text, asked = without_shot(written(sentence)), operations_of(sentence, there)
+    text, asked = without_shot(written(sentence), there), operations_of(sentence, there)
     reading = Reading(text, known, tokenise(text)[:MAX_WORDS])
     if not _NEGATIONS.isdisjoint(reading.words):
         return ()

@@ -47,17 +47,21 @@ def written(sentence: str) -> str:
 
 
 _SHOT = re.compile(
-    r"\s*(?:[a-z]{2,}\d{2,}\w*|\w+_\w+|(?:shot|sh|seq|sq|scene)\s*#?\d+)(?:\s+v\d+)?(?:\s*[:,]|\s+[-–—])\s*",
+    r"\s*((?!(?:frames?|fr|frm|secs?|seconds?|take)\d)[a-z]{2,}\d{2,}\w*|(?=[a-z_]*\d)[a-z]\w*_\w+|[a-z]\w*_\w+(?=\s+v\d)|"
+    r"(?:shot|sh|seq|sq|scene)\s*#?\d+)(?:\s+v\d+)?(?:\s*[:,]|\s+[-–—])\s*",
     re.IGNORECASE,
 )
-"""The code of a shot before a note: "SH010:", "sq20_sh0030 -"."""
+"""The code of a shot before a note: "SH010:", "sq20_sh0030 -"; it has a digit, which "left_arm:" has not, and is no time."""
 
 
-def without_shot(sentence: str, names: Collection[str] = ()) -> str:
-    """Return a note without the code of its shot, which is none of the `names` that somebody gave."""
+def without_shot(sentence: str, known: Collection[str] = ()) -> str:
+    """Return a note without the code of its shot; "car_02: red" is about a car where that is one of the words and names `known`."""
     found = _SHOT.match(sentence)
-    named = found and any(found[0].lower().strip().startswith(name.lower()) for name in names)
-    return sentence[found.end() :] if found and not named and found.end() < len(sentence) else sentence
+    if found is None or found.end() == len(sentence):
+        return sentence
+    code, version = found[1].lower(), re.search(r"\sv\d", found[0])
+    things = {word.lower() for word in known} & {code, *re.findall(r"^[a-z]+", code)}
+    return sentence if things and not version else sentence[found.end() :]
 
 
 _CONTRACTED = {
