@@ -8,6 +8,7 @@ from typing import Any
 
 from ..edit.apply import open_scene
 from ..edit.uncovered import summary_of, uncovered
+from ..language.lexicon import plural
 from ..printing import one_line
 from ..progress import Progress
 from ..query.knowledge import known_words, unknown_kinds, words_found
@@ -27,7 +28,7 @@ def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         runs = run_lengths([scene.scaffold.xyz, scene.scaffold.quat, scene.scaffold.certain])
         info["poses"] = {"all": scene.scaffold.certain.size, "kept": len(runs)}
     unknown = unknown_kinds(scene)
-    info["words"], info["unknown_words"], info["found"] = known_words(scene), [*unknown], words_found(scene)
+    info["words"], info["unknown_words"], info["found"] = known_words(scene, unknown), [*unknown], words_found(scene)
     lines = [f"{name + ':':<{MARGIN}}{one_line(value)}" for name, value in summary(info).items()]
     shows = uncovered(scene)
     if shows is not None:
@@ -64,6 +65,9 @@ def summary(info: dict[str, Any]) -> dict[str, str]:
         "held_out_psnr": "held-out frames, interpolated cameras",
     }
     measured = [f"{metrics[name]:.2f} dB ({title})" for name, title in quality.items() if name in metrics]
+    baked = len(made.get("baked", ()))
+    if measured and baked:  # of the scene that was fitted
+        measured.append(f"before {baked} {plural('edit', baked)} {'was' if baked == 1 else 'were'} baked")
     after = ""
     if "edited" in info:
         after = ", after which there are {gaussians:,} Gaussians: {copies:,} copies, {gone:,} gone".format(

@@ -30,6 +30,7 @@ from .english import (
     WHOLE,
     Command,
     Quality,
+    Remedy,
     about,
     as_given,
     command,
@@ -41,7 +42,7 @@ from .english import (
     whom,
 )
 from .operation.grade import warmed
-from .operation.recolour import added
+from .operation.recolour import more_of
 from .operations import kinds
 from .phrases import colors, thing, two_of_them_behind, untouched, whose
 from .selects import All, Current
@@ -65,7 +66,7 @@ _rather = ~literal(
     "far|way|much|a bit|a little|a little bit|rather|really|still|just|slightly|quite|somewhat|a tad|a touch"
 )
 _too = table({words: too for words, (too, _) in _TOO.items() if too}, reserve=False)
-_less_of = colour >> (lambda rgb: added(1.0, (rgb, -1)))
+_less_of = colour >> (lambda rgb: Remedy(more_of(rgb), False))
 _excess = table(
     {words: q.helps(upward) for q in QUALITIES for _, words, upward in q.complaints() if q.helps(upward)}, reserve=False
 )
@@ -125,6 +126,7 @@ ADDS_NOTHING = either(
     ),
     literal("too") + unless(_goes_on),
     literal("both") + unless(silent(two_of_them_behind)),
+    literal("clean plate"),
 )
 """Courtesies, and verbs that say no more than that something is done."""
 

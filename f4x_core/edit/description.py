@@ -187,7 +187,7 @@ def rounded_words(values: tuple[float, ...]) -> str:
 
 def way_words(vector: Vector, unit: str, axes: str) -> str:
     """Return a shift in widths along the camera's axes, or in numbers along the scene's."""
-    measure = {"world": "unit", "size": "width", "pixels": "pixel"}[unit]
+    measure = {"world": "unit", "size": "width", "pixels": "pixel", "pictures": "picture"}[unit]
     if axes == "world":
         return f"by ({rounded_words(vector)}) {measure}s along {SCENE_AXES}"
     return " and ".join(f"by {step}" for step in _steps(vector, measure))

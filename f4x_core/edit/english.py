@@ -309,7 +309,8 @@ _apart = distance + keyword("apart") | ~keyword("by") + number + keyword("apart"
 BESIDE_IT: dict[str, Any] = {
     "own": beside_itself | place,
     "way": ~keyword(",") + steps,
-    "far": ~keyword(",") + _apart | distance,
+    "far": ~keyword("(,) ([spaced|separated] (out) ([by|at])|with (a) [spacing|gap] of|at intervals of)")
+    + (_apart | distance),
     "shift": SHIFT,
     "called": keyword("(,) [called|named|by the name of]") + name,
 }

@@ -32,11 +32,13 @@ from ..language.idle import EMPTY, UNKNOWN, is_strange
 from ..language.lexicon import (
     FUNCTION_WORDS,
     NO_THINGS,
+    PEOPLE,
     SYNONYMS,
     forms,
     is_slip,
     misspelt,
     singular,
+    without_shot,
     word_set,
     written,
 )
@@ -83,7 +85,7 @@ def parse(
         raise Refusal(
             f"The sentence has {len(request.sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
-    sentence = written(request.sentence)
+    sentence = without_shot(written(request.sentence), (*request.labels, *request.names))
     known = _known(tuple(request.labels), tuple(request.names))
 
     def settled(read: Read) -> tuple[Change, ...]:
@@ -287,7 +289,8 @@ def _without_idle(read: Read) -> Doubt:
 def _ask_before_removing(read: Read) -> None:
     """Raise Refusal or `Doubt` where something is no longer seen and a word is left unexplained that may say whether or what."""
     words = read.reading.words
-    if not any(one.removes for one in read.operations) or {words[at] for at in read.idle} <= EMPTY | {"the"}:
+    idle = {words[at] for at in read.idle if words[at].isalnum()}
+    if not any(one.removes for one in read.operations) or idle <= EMPTY | {"the"}:
         return
     # An unknown thing with an article may be what is to be removed: "the graffiti".
     at = next((at for at in read.idle if words[at] in ("the", "my", "that", "those") and at + 1 in read.idle), None)
@@ -423,7 +426,8 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Clause | Non
             own = Span(clause.front.start, own.end)  # "at second 1 make it red until second 2"
         elif own and clause.front:
             raise Refusal("Two times are said for one command; leave one out.")
-        who, assumed = _whom(command, piece, context, timed=front is not None)
+        before_it = topics[-1] if topics and not clause.hard else None
+        who, assumed = _whom(command, piece, context, timed=front is not None, before=before_it)
         if command.make is REMARK:
             if assumed and not _of_a_clip(command, piece):
                 raise Refusal("It is not said who is so; name a thing, or say 'it' for what is selected.")
@@ -450,9 +454,13 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Clause | Non
 
 
 def _whom(
-    command: Command, piece: Mapping[str, Any], context: SentenceContext, timed: bool = False
+    command: Command,
+    piece: Mapping[str, Any],
+    context: SentenceContext,
+    timed: bool = False,
+    before: SelectKind | None = None,
 ) -> tuple[SelectKind, bool]:
-    """Return (the selection of a command, True where it is only assumed)."""
+    """Return (the selection of a command, True where it is only assumed); `before`: that of the command it is joined to."""
     use = command.use
     if use.alone:
         return All(), False
@@ -461,9 +469,10 @@ def _whom(
     unnamed = context.last is None and not context.selected and not context.overall
     of_clip = unnamed and _of_a_clip(command, piece)
     nobody = context.last is None and not context.selected and (timed or "when" in piece) and (use.timed or of_clip)
-    if "who" not in piece and ((use.whole and not context.selected) or nobody or "besides" in piece):
+    of_all = use.whole and not context.selected and (unnamed or _of_a_clip(command, piece))
+    if "who" not in piece and (of_all or nobody or "besides" in piece):
         context.last = All()
-    context.overall = context.overall or use.whole or use.timed or of_clip
+    context.overall = context.overall or of_all or use.timed or of_clip
     context.sparing = piece.get("spares")
     who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
     assumed = who is None
@@ -475,8 +484,10 @@ def _whom(
         context.spared.append(piece["spares"](context))
         context.last = last
     if "besides" in piece:
-        spared = Not(piece["besides"](context))
-        context.last = who = spared if who == All() else And((who, spared))
+        besides = piece["besides"](context)
+        if who == before:  # "darker and gray, not the dog" spares it in both
+            context.spared.append(besides)
+        context.last = who = Not(besides) if who == All() else And((who, Not(besides)))
     return who, assumed
 
 
@@ -591,6 +602,8 @@ def _sparing(operation: Change, spared: Sequence[SelectKind]) -> Change:
     left_out = [one for one in spared if one not in (select, Not(select)) and Not(one) != select]
     if isinstance(select, Instance):  # "the back one, leave the front one alone"
         left_out = [one for one in left_out if not (isinstance(one, Instance) and one.of == select.of)]
+    if isinstance(select, And):
+        left_out = [one for one in left_out if Not(one) not in select.of]
     if not left_out:
         return operation
     if operation.left is not None:
@@ -647,8 +660,9 @@ def _unknown_word(reading: Reading) -> str:
     """Return the sentence about the first word that is in no lexicon; empty where all are."""
     things = {word for words in reading.known for word in words}
     for at, token in enumerate(reading.tokens):
-        if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS):
-            close = misspelt(token.text, VOCABULARY | COLOURS.keys() | things)
+        if token.is_word and is_strange(token.text, things | NO_THINGS | COMMAND_VERBS | _SPOKEN_OF):
+            somebody = re.fullmatch(PEOPLE, token.text)
+            close = None if somebody else misspelt(token.text, VOCABULARY | COLOURS.keys() | things)
             hint = f"; did you mean '{close}'?" if close else "."
             return f"I do not understand '{reading.text_of(at, at + 1)}'{hint}"
     return ""
@@ -668,7 +682,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     to be done.
     """
     known = _known(tuple(there))
-    text, asked = written(sentence), operations_of(sentence, there)
+    text, asked = without_shot(written(sentence), there), operations_of(sentence, there)
     reading = Reading(text, known, tokenise(text)[:MAX_WORDS])
     if not _NEGATIONS.isdisjoint(reading.words):
         return ()

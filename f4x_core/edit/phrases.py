@@ -141,11 +141,16 @@ class SentenceContext(Clip):
             return together((self.copies[select.name], select))
         return select.of if isinstance(select, Instance) else select
 
+    @property
+    def next_copy(self) -> str:
+        """The name of the next copies that nobody names."""
+        return f"{COPY} {len(self.copies) + 1}" if self.copies else COPY
+
     def copied(self, operation: Any) -> tuple[Any, SelectKind]:
         """Return (the operation with a name for its copies, which "it" means from now on; the selection that "they" means)."""
         name = operation.name
         if not name:
-            name = f"{COPY} {len(self.copies) + 1}" if self.copies else COPY
+            name = self.next_copy
             self.spare.add(name)
         self.copies[name] = operation.select
         self.last = Named(name)
@@ -452,13 +457,13 @@ _SUBJECTS = word_set("it he she this that which who i you we they")
 def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """Yield (end, word) of one unknown word without an article, which might be a verb ("and juggle").
 
-    That is a thing where no label is known at all, in the plural, where the sentence named it before, or behind the verb that a
-    note begins with: "omit vehicle".
+    That is a thing where no label is known at all, in the plural, where the sentence named it before, a shadow, or behind the verb
+    that a note begins with: "omit vehicle".
     """
     earlier_words = {token.text for token in reading.tokens[:at]}
     noted = at == 1 and reading.word(0) in _CHANGING
     for end, name in _stranger_at(reading, at) if reading.word(at - 1) not in _SUBJECTS else ():
-        if noted or not reading.known or _is_plural(reading, at) or name in earlier_words:
+        if noted or not reading.known or _is_plural(reading, at) or name in earlier_words or is_cast(name):
             yield end, name
 
 
@@ -752,7 +757,7 @@ _everything = keyword(
     "everything|everywhere|all|anything|(everything|all of) the (whole) lot|it all|all of it|all (of) the [things|objects]|all "
     "[things|objects]|every (single) [object|thing]|[everything|all] there is (to see)|"
     f"(the) [whole|entire|full|complete] [{PICTURE}|thing|world]|[the|this] (whole|entire) [world|room|place|set]|"
-    f"[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
+    f"[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]|plate"
 )
 _around = (
     _say("[(the) [world|scene|surroundings|space]|(the|all the) things|everything|all] around <_neighbour>") >> _all_but

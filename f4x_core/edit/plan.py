@@ -115,7 +115,7 @@ def propose(
             found.append(Candidate(settled, why, sentence))
         if len(found) == candidates:
             break
-    notes += (*remarks_on(scene, words_in(asked)), *_idle(scene, found[0].operations))
+    notes += (*remarks_on(scene, words_in(asked)), *resolver.remarks, *_idle(scene, found[0].operations))
     proposal = Proposal(sentence, tuple(found), 0, understood_by, notes=notes)
     if len(found) == 1:
         return proposal
@@ -147,7 +147,7 @@ def read_sentence(
     scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None
 ) -> tuple[tuple[Change, ...], str, tuple[str, ...]]:
     """Return (operations in the words of the sentence, not yet resolved; the reader that understood it; notes). Raises F4xError."""
-    names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
+    names = _names(scene)
     chosen = None if context.selection is None else context.selection.for_ids(scene.ids).chosen
     sentence, people = in_ordinals(scene, sentence, "sentence", scene.cameras.frame_at(context.frame), chosen, names)
     labels = with_untaught(scene, [*labels_of(scene), *people])
@@ -187,8 +187,14 @@ def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
 
 
 def _there(scene: Scene) -> tuple[str, ...]:
-    """Return labels that examples may speak of."""
-    return tuple(words_there(scene)[0]) if labels_of(scene) else ()
+    """Return the words that examples may speak of: names, and what the scene's words find; where there are none, what moves."""
+    words = (*_names(scene), *(words_there(scene)[0] if labels_of(scene) else ()))
+    return words or ("moving thing",) * bool(scene.moving.any())
+
+
+def _names(scene: Scene) -> tuple[str, ...]:
+    """Return the names that edits gave."""
+    return tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
 
 
 def _offered(sentence: str, asked: Sequence[Change], there: Sequence[str]) -> tuple[str, ...]:

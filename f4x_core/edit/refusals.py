@@ -21,6 +21,7 @@ _WHOLE = (
 
 _end = here(lambda reading, at: at >= len(reading.tokens) or not reading.tokens[at].is_word)
 _will = here(lambda reading, at: not {"will", "might", "could", "may"}.isdisjoint(reading.words[at:]))
+_first = here(lambda reading, at: at == 0)
 _begin = here(lambda reading, at: at == 0 or not reading.word(at - 1).isalpha())
 _more = literal("|".join(f"{one.more}|{one.less}" for one in QUALITIES))
 _much = literal("|".join(f"{one.much}|{one.little}" for one in QUALITIES))
@@ -41,6 +42,8 @@ UNSURE = _reasons({
         "'{words}' tells what is not wanted, or how it was; say what is to be done.",
     "[tone|dial|take|knock|turn] [it|that|them|this] (down|back) [a notch|a bit|a touch|a little|a tad]":
         "'{words}' may be a place or an amount; say for example '20 % darker', or 'a bit down'.",
+    "[<_first>|:] hold (the|its) [shadow|shadows|reflection|reflections] <_end>":
+        "'Hold' may mean to freeze it or to leave it as it is; say 'freeze the shadow' or 'leave the shadow alone'.",
     "[start|resume|continue|unfreeze|release] [it|them|him|her] (again)":
         "'{words}' is for what was stopped; say for example 'freeze the dog from second 1 to 2'.",
     "[hide|hides|hiding] ![everything|anything|all|whatever|what] <.known_thing> [behind|under|underneath|beneath|inside|below]":

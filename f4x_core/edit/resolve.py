@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -14,8 +14,9 @@ from ..language.cast_words import caster, is_cast
 from ..language.compounds import head_of, names_another
 from ..language.lexicon import UNCOUNTED, plural_of, singular
 from ..query.attached import attached_to
+from ..query.cast import needs_no_teacher
 from ..query.connected_objects import part_of, pick_object, separate_objects, split_objects, stand_to, ways_of
-from ..query.inventory import instead, labels_of
+from ..query.inventory import instead, is_doubtful, labels_of
 from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
@@ -103,6 +104,16 @@ class Resolver:
         self._before: Scene | None = None
         self._resolved: dict[SelectKind, SelectKind] = {}
         self._hidden_too = False
+        self._several: dict[str, int] = {}
+        self._doubtful: set[str] = set()
+
+    @property
+    def remarks(self) -> Iterator[str]:
+        """A sentence about each word whose thing may not be there, and each noun in the singular of which several are meant."""
+        for label in sorted(self._doubtful):
+            yield f"Whether '{label}' is in the scene is doubtful: `f4x info` does not list it among what the scene answers to."
+        for noun, many in self._several.items():
+            yield f"There are {many} {plural_of(noun)}, and all of them are meant; say for example 'the left {noun}' for one."
 
     def resolve_sentence(self, scene: Scene, operations: Sequence[Change], tidy: bool = False) -> tuple[Change, ...]:
         """Return the operations of one sentence, each resolved in the scene that those before it leave.
@@ -158,6 +169,8 @@ class Resolver:
             found = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
             if len(text.labels) == 1:
                 refuse_evidence_of_another(scene, text.labels[0], found.at_threshold(THRESHOLD), self.encode)
+                if not needs_no_teacher(scene, text.labels[0]) and is_doubtful(scene, found):
+                    self._doubtful.add(text.labels[0])
             self._found[key] = found
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
@@ -224,7 +237,10 @@ class Resolver:
                 words = " and ".join(whom(self._cached(scene, one, tidy)) for one in each)
             elif isinstance(select, Text) and select.labels[0].split()[-1] not in UNCOUNTED:
                 many = self._count(scene, rows_of(scene, found))
-                words = f"the {many} {plural_of(singular(select.labels[0]))}" if many > 1 else words
+                if many > 1:
+                    noun = singular(select.labels[0])
+                    words = f"the {many} {plural_of(noun)}"
+                    self._several |= {noun: many} if select.single else {}
             return replace(found, words="".join(filter(str.isprintable, words))[:MAX_WORDS_LENGTH])
         return found
 
@@ -433,6 +449,12 @@ class Settling:
         if depth <= 0:
             raise F4xError("What lies behind the camera is not moved by pixels; say how many widths.")
         return depth / camera.focal
+
+    @property
+    def picture(self) -> np.ndarray:
+        """(3,) width and height of the clip's pictures in pixels, and 0."""
+        camera = self.scene.cameras.at(self.time)
+        return np.array([camera.width, camera.height, 0.0])
 
     def each(self) -> tuple[SelectKind, ...]:
         """Return the separate things of the selection; none where it is one."""

@@ -264,6 +264,8 @@ distance = either(
     _say("<_by> [<number>|<fraction>] (a|of a) [unit|units|world units|world unit]")
     >> (lambda x: Distance(x, "world")),
     _say("<_by> <number> [pixel|pixels|px]") >> (lambda x: Distance(x, "pixels")),
+    _say(f"(right|all the way) [[out of|off (of)] (the) [{PICTURE}]|off stage|offscreen]")
+    >> (lambda: Distance(1.0, "pictures")),
     _say("by <percent>") >> Distance,
     _say("by <number>") >> (lambda x: Distance(x, "world")),
 )

@@ -54,13 +54,18 @@ _REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "b
 _REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
 _REDDISH = {name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")}
 _REDDISH |= {"reddish": "red", "bluish|blueish": "blue", "whitish": "white", "purplish": "purple", "goldish": "gold"}
-colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()})
-colour = generated(
-    _mixed_at,
-    lambda: frozenset(name[:end] for name in COLOURS for end in range(1, len(name) + 1)).union(
-        SHADES, _COMPARED, "#", colourish.first or ()
-    ),
+
+
+def _first_words() -> frozenset[str]:
+    """Return the words that a color may begin with."""
+    return frozenset(name[:end] for name in COLOURS for end in range(1, len(name) + 1)).union(SHADES, _COMPARED, "#")
+
+
+colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()}) | generated(
+    lambda reading, at: ((end + 1, rgb) for end, rgb in _colour_at(reading, at) if reading.word(end) == "ish"),
+    _first_words,
 )
+colour = generated(_mixed_at, lambda: _first_words().union(colourish.first or ()))
 more_colour = either(
     table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),
     keyword("more") + (colour | colourish) >> (lambda rgb: (rgb, 1)),

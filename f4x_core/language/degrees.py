@@ -70,7 +70,7 @@ def factor(
     return 1 / how.value
 
 
-Unit = Literal["world", "size", "pixels"]
+Unit = Literal["world", "size", "pixels", "pictures"]
 
 
 class Distance(NamedTuple):

@@ -46,6 +46,24 @@ def written(sentence: str) -> str:
     return _RGB.sub(lambda found: "#" + bytes(min(int(part), 255) for part in found.groups()).hex(), sentence)
 
 
+_SHOT = re.compile(
+    r"\s*((?!(?:frames?|fr|frm|secs?|seconds?|take)\d)[a-z]{2,}\d{2,}\w*|(?=[a-z_]*\d)[a-z]\w*_\w+|[a-z]\w*_\w+(?=\s+v\d)|"
+    r"(?:shot|sh|seq|sq|scene)\s*#?\d+)(?:\s+v\d+)?(?:\s*[:,]|\s+[-–—])\s*",
+    re.IGNORECASE,
+)
+"""The code of a shot before a note: "SH010:", "sq20_sh0030 -"; it has a digit, which "left_arm:" has not, and is no time."""
+
+
+def without_shot(sentence: str, known: Collection[str] = ()) -> str:
+    """Return a note without the code of its shot; "car_02: red" is about a car where that is one of the words and names `known`."""
+    found = _SHOT.match(sentence)
+    if found is None or found.end() == len(sentence):
+        return sentence
+    code, version = found[1].lower(), re.search(r"\sv\d", found[0])
+    things = {word.lower() for word in known} & {code, *re.findall(r"^[a-z]+", code)}
+    return sentence if things and not version else sentence[found.end() :]
+
+
 _CONTRACTED = {
     "'s is": "that what where who there here when how why he she it whatever everything nothing",
     "'re are": "they you we what where who how there these those",
@@ -96,7 +114,7 @@ PLURALS = _table(
 """Plurals that no rule gives."""
 SYNONYMS = _table(
     "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid child, "
-    "kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten "
+    "kiddie child, kiddy child, toddler child, doggy dog, doggie dog, puppy dog, pup dog, doggo dog, pooch dog, kitty cat, kitten "
     "cat, bike bicycle, auto car, automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf "
     "cow, bull cow, vessel boat, lawn grass, foliage leaf, audience crowd, spectators crowd, pram stroller, buggy stroller, "
     "pushchair stroller, lorry truck, telly tv, television tv, aeroplane airplane, plane airplane, cab taxi, tram streetcar, hound "

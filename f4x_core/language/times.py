@@ -93,6 +93,7 @@ _part_of_unit = table({"half (a)": 0.5, "(a) quarter (of) (a)": 0.25, "[a|one] (
 duration = _say.table(
     {
         "<number> <_unit>|<_part_of_unit> <_unit>": _times,
+        "a (little|short|brief) [moment|bit|while]": lambda: TimeExpression(seconds=1.0),
         "(a|one) <_unit> and <fraction>": lambda unit, part: _times(1 + part, unit),
     }
 )
@@ -165,10 +166,10 @@ _goes_on = _say(
 _FRAMES = "[every|all|any|each] (the|of the) [frame|frames|time|second|seconds]|(for) everything"
 _since = _say(
     "(right) [from|after]|since|as of|as from|once|not before|[no|not] [earlier|sooner] than|([in|on|for]) "
-    f"({_FRAMES}) [after|from|past|since]|starting ([at|from|in|with|on])|beginning ([at|from|in|with])|start at"
+    f"({_FRAMES}) [after|from|past|since]|starting ([at|from|in|with|on])|beginning ([at|from|in|with])|start (at)"
 )
 _until = _say(
-    f"until|before|(right|all the way) [up to|up until]|[no|not] later than|ending [at|with|on|in]|({_FRAMES}) [before|until]"
+    f"until|before|(right|all the way) [up to|up until]|[no|not] later than|[end|ending] [at|with|on|in]|({_FRAMES}) [before|until]"
 )
 _at = _say(
     "at|@|in|on|around|about|near|when|as soon as|[once|when|as soon as] [[we|it|you] [reach|hit|get to|are at|is at]|"
@@ -219,6 +220,7 @@ span = _say.table(
         _TO_THE_END: Span(START, END),
         "[(for|over|in|during|within) the next] <_length>": lambda length: Span(NOW, NOW.plus(length)),
         "by <_by_then>": lambda end: Span(START, end, "by"),
+        "by <_by_then> (,) <_since> <_point>": lambda end, start: Span(start, end),
         "(only|just) <_just_then> [only|alone]|[only|just] <_just_then>": _only_then,
         "<_during> (the) [first|opening] <_share>": lambda x: Span(START, _part(x)),
         "<_during> (the) [last|final|closing] <_share>": lambda x: Span(_part(1 - x), None),
@@ -239,8 +241,8 @@ span = _say.table(
         "<_for>": lambda length: Span(NOW, NOW.plus(length), "length"),
         "always|all the [time|while]|all along|(all) the [whole|entire] [time|duration|way]|throughout|forever|at all times|"
         "constantly|from start to finish|from (the) beginning to (the) end|(for|over|during|in|on) [every|each|all] "
-        f"(single|the) [frame|frames]|[for|during|throughout|over|across] the (whole|entire) "
-        f"[{PICTURE}|thing]": Span(START, None, "always"),
+        f"(single|the) [frame|frames]|[for|during|throughout|through|over|across] [the (whole|entire)|whole|"
+        f"entire] [{PICTURE}|thing]": Span(START, None, "always"),
     }
 )
 """A `Span`."""

@@ -266,7 +266,8 @@ but: apart from|besides|except|except for|other than|but|but not|excluding|not c
 anything: (is) (there) [anything|something]
 do: do|does|doing|did|up to|behave|behaves|act|acts
 list: list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of
-ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end
+ends-up: end up|ends up|end|ends|finish|finishes|arrive|arrives|land|lands|finally|in the end
+at-last: finally|[in|at] the (very) end|at last|eventually
 clip-length: is (the|this) [<.clips>]|does (the|this) [<.clips>] [last|run|take|go on]
 by-what: by (their) [distance|depth|position|nearness|size]
 crosses: {=cover}
@@ -354,6 +355,7 @@ colour: which-color thing stands? comes?
 polar colour: thing color not?
 count_moving: how-many any? move but? seen? | how-many thing move start?
 polar count_moving: any move but
+polar count: more-than thing seen? | more-than thing spot
 count: how-many thing doing | how-many thing seen? spot | how-many thing owner | how-many thing
     seen? side? stands? remain?
 still: who not move start? always? | who rest always? stands? | anything rest stands? | anything not move
@@ -374,7 +376,7 @@ motion: who move start? but?
 does: what-it do thing
 fast: fast thing move? reaches? extreme?
 path: path thing takes? | how thing get
-where at=end: where thing stop | where thing ends-up
+where at=end: where thing stop | where thing ends-up | whereto thing move at-last
 where at=start: where thing set-off
 way: way thing turn | way thing move? takes? along? sideways-or? | thing move sideways-or | whereto thing move along?
     sideways-or?

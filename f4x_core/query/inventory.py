@@ -54,14 +54,14 @@ def vocabulary_of(scene: Scene) -> list[str]:
     return [] if known is None else list(known.labels)
 
 
-def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
+def find(scene: Scene, label: str, encode: Encode | None = None, *, outlined: bool = True) -> Selection:
     """Select by one label with `select_by_text`; the selection is empty where the scene does not show its object.
 
     Without a null vector scores say which word rather than whether one, so the label is weighed against the whole vocabulary.
+    `outlined`: what moves is cut by its outlines, which do not decide what is there.
     """
-    if needs_no_teacher(scene, label):  # but for who casts it
-        return select_by_text(scene, [label], encode=encode)
-    return select_word(scene, label, None if is_calibrated(scene) else vocabulary_of(scene), encode=encode)
+    alone = needs_no_teacher(scene, label) or is_calibrated(scene)
+    return select_word(scene, label, None if alone else vocabulary_of(scene), encode=encode, outlined=outlined)
 
 
 def is_calibrated(scene: Scene) -> bool:
@@ -77,12 +77,13 @@ def select_word(
     *,
     encode: Encode | None = None,
     span: tuple[float, float] | None = None,
+    outlined: bool = True,
 ) -> Selection:
     """Select by one label; a compound must also be of the kind that it names: a dog house is a house.
 
     Raises F4xError besides: a word that the vocabulary lacks and whose last part names something else ("hot dog").
     """
-    options = SelectOptions(threshold, span)
+    options = SelectOptions(threshold, span, outlined=outlined)
     if needs_no_teacher(scene, label):
         return select_by_text(scene, [label], negatives, options, encode=encode)
     known = {word.lower() for word in labels_of(scene)}
@@ -113,7 +114,7 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     counts = np.bincount(scores.argmax(1), minlength=len(labels))
     candidates = (query.labels[i] for i in np.flatnonzero(counts >= MIN_FRACTION * len(latents)))
     encoder = query.head.spec.text_encoder or ""
-    asked = {label: _roughly(scene, label) for label in candidates if unknown_kind(encoder, label) is None}
+    asked = {label: find(scene, label, outlined=False) for label in candidates if unknown_kind(encoder, label) is None}
     found = {label: selection for label, selection in asked.items() if selection.chosen.any()}
     kept: dict[str, Selection] = everybody
     for label in sorted(
@@ -122,12 +123,6 @@ def things_there(scene: Scene) -> dict[str, Selection]:
         if not any(mean_the_same(found[label].chosen, other.chosen, scene.moving) for other in kept.values()):
             kept[label] = found[label]
     return dict(sorted(kept.items(), key=lambda item: -int(item[1].chosen.sum())))
-
-
-def _roughly(scene: Scene, label: str) -> Selection:
-    """Return what `find` does for a label of the vocabulary, not cut by its outlines: they do not decide what is there."""
-    negatives = None if is_calibrated(scene) else vocabulary_of(scene)
-    return select_by_text(scene, [label], negatives, SelectOptions(outlined=False))
 
 
 def mean_the_same(one: np.ndarray, other: np.ndarray, moving: np.ndarray) -> bool:
@@ -171,7 +166,7 @@ def _narrower(scene: Scene, label: str, selection: Selection) -> list[str]:
     latents = scene.latents()[selection.chosen]
     seen = evidence(query.head(latents[:: max(1, len(latents) // LOOKED_AT)]), query.vectors, null).mean(0)
     word = query.labels[int(seen.argmax())]
-    own = _roughly(scene, word).chosen
+    own = find(scene, word, outlined=False).chosen
     same = (own & selection.chosen).sum() > SAME * (own | selection.chosen).sum()
     return [word] if same else []
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from ..errors import F4xError
@@ -28,10 +30,10 @@ CLEARLY = 0.05
 the label sofa has 0.03 more."""
 
 
-def known_words(scene: Scene) -> list[str]:
+def known_words(scene: Scene, unknown: Collection[str] | None = None) -> list[str]:
     """Return the words that are looked for in a scene: those that its teacher knows, those for its people and for each of them,
-    and, where there are any, for `cast.SURFACES`."""
-    unknown = unknown_kinds(scene)
+    and, where there are any, for `cast.SURFACES`; `unknown`: `unknown_kinds` of the scene, where they are known."""
+    unknown = unknown_kinds(scene) if unknown is None else unknown
     words = with_untaught(scene, [*labels_of(scene), *each_person(scene, PERSON)], SURFACES)
     return [label for label in dict.fromkeys(words) if label not in unknown]
 

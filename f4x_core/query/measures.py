@@ -15,7 +15,7 @@ from ..language.colour_names import everyday_name
 from ..language.lexicon import plural
 from ..scene import Scene
 from ..scene.people import single_people
-from .connected_objects import split_objects, width_along
+from .connected_objects import VISIBLE, split_objects, width_along
 from .ground import up_of
 from .selection import Selection
 from .wording import Asked
@@ -373,21 +373,23 @@ class Comparison:
         return " ".join(sentences)
 
     def _count(self) -> str:
+        """Return how many of each kind there are in the clip; where a time is asked about, at its start."""
         sentences = []
+        posed, camera = self.scene.posed(float(self.times[0])), self.scene.cameras.at(float(self.times[0]))
         for thing in self.things:
-            posed, camera = self.scene.posed(float(self.times[0])), self.scene.cameras.at(float(self.times[0]))
-            known = single_people(self.scene, thing.rows)
-            owner, _ = split_objects(posed, thing.rows, known)
+            rows = thing.rows[posed.opacities[thing.rows] >= VISIBLE] if self.asked.span else thing.rows
+            known = single_people(self.scene, rows)
+            owner, _ = split_objects(posed, rows, known)
             touching = "; those that touch count as one" if known is None else ""
-            numbers = range(int(owner.max()) + 1)
+            middles = [
+                camera.project(np.median(posed.means[rows[owner == n]], 0)[None].astype(float))[0][0, 0]
+                for n in np.unique(owner)
+            ]
             if self.asked.side:
-                middles = [
-                    camera.project(np.median(posed.means[thing.rows[owner == n]], 0)[None].astype(float))[0][0, 0]
-                    for n in numbers
-                ]
-                numbers = [n for n in numbers if (middles[n] < camera.width / 2) == (self.asked.side == "left")]  # type: ignore[assignment]
-            label = thing.name.removeprefix("the ")
-            sentences.append(f"{label}: {len(numbers)} separate in the scene {self._at(0)}{touching}.")
+                middles = [x for x in middles if (x < camera.width / 2) == (self.asked.side == "left")]
+            when = f" {self._at(0)}" if self.asked.span or self.asked.side else ""
+            there = f"{thing.name.removeprefix('the ')}: {len(middles)} separate in the scene{when}{touching}."
+            sentences.append(_polar(self.asked.yes(len(middles) >= self.asked.at_least), there))
             if self.asked.manner:
                 sentences.append(f"Whether they are {self.asked.manner} I cannot tell.")
         return " ".join(sentences)

@@ -53,7 +53,10 @@ WINDOW = 0.25
 """Seconds before and after a moment that tell whether something moves at it."""
 THING = "something unnamed"
 """What moving things are called that the scene has no word for."""
-NO_PEOPLE = "The fit of this scene found no people and its words know none, so whether anybody is there I cannot tell."
+NO_PEOPLE = (
+    "The fit of this scene found no people and its words know none, so whether anybody is there I cannot tell; `f4x distill SCENE"
+    " --teacher NAME` adds a teacher that may."
+)
 """The answer about people in a scene that `lacks_people`."""
 PERHAPS = "what may be "
 """How a thing is called whose word is doubtful (`inventory.is_doubtful`)."""
@@ -165,6 +168,7 @@ def _computed(
     if any(thing not in names and lacks_people(scene, thing) for thing in asked.things):
         return NO_PEOPLE, []
     if _compares(asked):
+        engines.progress("looking at the scene", 0, 0)
         sentence, things = _compared(scene, asked, engines.encode, names)
         return sentence, [{"things": things}]
     found = [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, names, engines)

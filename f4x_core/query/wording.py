@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import F4xError
+from ..language.amounts import number
 from ..language.grammar import (
     NOTHING,
     Reading,
@@ -85,6 +86,8 @@ class Asked:
     """The first of `things`, where the question is about the single ones of a kind: "Which wagon is nearest?"."""
     but: tuple[str, ...] = ()
     """What is left out: "What is the biggest thing apart from the wall?"."""
+    at_least: float = 0.0
+    """The least number of them for a yes: "Is there more than one dog?"."""
 
     def yes(self, so: bool) -> str:
         """Return Yes or No where one is wanted; `so`: what it asks about, without the negation, is true."""
@@ -304,6 +307,7 @@ _slots: dict[str, Rule] = {
         }
     ),
     "but": _say("<but> <_names>"),
+    "more-than": cue("more than") + number >> (lambda x: x + 1) | cue("at least|as many as") + number,
     "place-of": either(
         _beside("place"),
         _say("<_asks_what> [on|upon] <_before_article> <_names>") >> (lambda names: ("near", names)),
@@ -523,6 +527,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: _Shown, it: tuple[str, ...]) 
         other,
         among[0] if len(among) == 1 and among != ("it",) else "",
         found.get("but", ()),
+        found.get("more-than", 0.0),
     )
 
 

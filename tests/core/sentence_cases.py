@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from f4x_core.edit.language import parse
-from f4x_core.edit.operations import Duplicate
+from f4x_core.edit.operation.duplicate import FAINT
+from f4x_core.edit.operations import Duplicate, Opacity
 from f4x_core.edit.request import Request
 from f4x_core.edit.selects import Named
 from f4x_core.errors import F4xError
@@ -395,6 +397,9 @@ def _apart(slot: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _operations_fit(wanted: list[dict[str, Any]], made: list[Any], row: dict[str, Any]) -> bool:
+    if re.search(r"\bghost|after-?image", row["text"], re.IGNORECASE):  # its copies may be seen through
+        copies = Named("copy")
+        made = [one for one in made if not (isinstance(one, Opacity) and one.select == copies and one.factor == FAINT)]
     records = [one.to_json() for one in made]
     merged = [slot for slot in wanted if not (slot["operation"] == "recolour" and slot.get("target") is None)]
     if len(merged) < len(records):  # a size and a place may be one transform or two

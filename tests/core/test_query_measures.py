@@ -363,7 +363,7 @@ def test_single_ones_are_numbered_from_the_left():
     assert len(one.rows) + len(two.rows) == len(kind.rows)
     assert single_ones(SCENE, one, TIMES[:1]) == []
     counted = say("count", replace(kind, name="the wall"))
-    assert counted == "wall: 2 separate in the scene at frame 0 (0.0 s); those that touch count as one."
+    assert counted == "wall: 2 separate in the scene; those that touch count as one."
     assert say("count", replace(kind, name="the wall"), side="left").startswith("wall: 1 separate")
 
 

@@ -33,7 +33,7 @@ class Placing(ChangeWithShadow):
     WAY: ClassVar[str]
     """Name of the field with the way."""
     unit: Unit
-    """`size`: in widths of the selection; `pixels`: of the clip, at its depth. Planning rewrites it into world units."""
+    """`size`: in widths of the selection; `pixels`, `pictures`: of the clip, at its depth. Planning makes them world units."""
     axes: Literal["world", "camera"]
     """`camera`: right, down, forward of the clip's camera at the first frame concerned. Planning rewrites it."""
     beside: SelectKind | None
@@ -59,10 +59,10 @@ class Placing(ChangeWithShadow):
         move = np.array(self.way)
         if self.unit == "size" and move.any():
             move = move * width_along(at.posed, at.rows, at.axes[:, 0])
-        elif self.unit == "pixels":
+        elif self.unit in ("pixels", "pictures"):
             if move[2]:
                 raise F4xError("Pixels lie across the picture, not along its depth; say how many widths.")
-            move = move * at.pixel
+            move = move * at.pixel * (at.picture if self.unit == "pictures" else 1.0)
         turn = at.axes if self.axes == "camera" else np.eye(3)
         return fields | {self.WAY: vector(turn @ move)}
 

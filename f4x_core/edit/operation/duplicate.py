@@ -9,24 +9,34 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ...errors import F4xError
+from ...geometry.arrays import evenly_spaced
 from ...language.degrees import Distance, Steps, Unit, displacement
 from ...language.refusal import Refusal
+from ...query.connected_objects import VISIBLE
 from ..change import DIRECTIONS, Change, Reply, TimeMap, Vector, check_name, check_numbers
 from ..description import beside_words, steps_in_words, way_words, whom, whom_with
 from ..selects import Named, SelectKind, parts_of
 from ..splat_rows import with_copies, with_name
-from ..values import Value
+from ..values import Given
 from ._place import BESIDE, COPY_DISTANCE, RIGHT, Placing
+from .opacity import Opacity
 from .transform import Transform
 
 if TYPE_CHECKING:
     from ...language.grammar import Rule
     from ...language.times import TimeExpression
+    from ...scene import Scene
     from ..english import Command, Sentences
     from ..phrases import Place, SentenceContext, When
     from ..plan_lines import Seen
     from ..splat_rows import SplatRows
 
+FAINT = 0.5
+"""Opacity of faint copies."""
+FAINTLY = {"(of) [fading|ghostly|ghost|faint|transparent|see through|semi transparent|half transparent]": True}
+"""Words for copies that can be seen through."""
+MOMENTS = 5
+"""Frames, evenly over the clip, in which it is looked whether copies are in the picture."""
 MAX_COPIES = 100
 """Copies one operation makes at most: memory grows with every one."""
 
@@ -84,6 +94,25 @@ class Duplicate(Placing):
 
     def copy_motion(self, copy: np.ndarray) -> np.ndarray | None:
         return copy[:, None] * np.array(self.offset) if any(self.offset) else None
+
+    def remark(self, scene: Scene) -> str:
+        """Say so where copies lie outside the picture whenever the thing itself is in it."""
+        from ..resolve import rows_of
+
+        rows, copies = rows_of(scene, self.select), np.arange(self.count + 1)
+        seen = np.zeros(len(copies), bool)
+        for time in scene.cameras.times[evenly_spaced(len(scene.cameras), MOMENTS)]:
+            posed, camera = scene.posed(float(time)), scene.cameras.at(float(time))
+            shown = rows[posed.opacities[rows] >= VISIBLE]
+            if any(self.offset) and len(shown):
+                centers = np.median(posed.means[shown], 0) + copies[:, None] * np.array(self.offset)
+                pixels, depth = camera.project(centers)
+                seen |= (depth > 0) & ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
+        outside = int((~seen[1:]).sum())
+        if not any(self.offset) or not seen[0] or not outside:
+            return ""
+        are = f"{outside} of {self.count} copies lie" if self.count > 1 else "the copy lies"
+        return f"copy {whom_with(self)}: {are} outside the picture all the time; say a shorter way, such as 'half a width'."
 
     def untimed(self) -> Duplicate:
         return replace(self, time_shift=0.0)
@@ -154,9 +183,9 @@ class Duplicate(Placing):
             "version|versions] (of)"
         )
         copy = say.command(
-            "copy the dog to the left", copied, "copy", who="(of|for) <thing>", verb="{add}", times=times,
+            "copy the dog to the left", copied, "copy", who="(of|for) <thing>", verb="{add}", times=times, faint=FAINTLY,
             copy=say.phrase(
-                "!<.size> [{copy}|(more|extra|other|identical|additional|new|second|single|ghostly) <noun>]|[more|another|extra|"
+                "!<.size> [{copy}|(more|extra|other|identical|additional|new|second|single) <noun>]|[more|another|extra|"
                 "second] [one of|ones of]|one more of|[another|one more|a second] one|[one more|another] !<familiar> "
                 "![one|time|step|turn|bit]",
                 size=say.fraction_of("size|sizes|scale|speed|height|width|length|in size"), noun=noun,
@@ -184,30 +213,35 @@ class Duplicate(Placing):
 def _trailing(times: Rule, noun: Rule) -> Command:
     from .. import english as say
 
-    names = say.literal(
-        "trail|trails|[motion|ghost|light] [trail|trails]|[ghost|after] [image|images]|streaks|motion streaks|ghosting|echoing|"
-        "trailing|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|onion skinning|"
-        + say.any_form("follow")
-        + "|echo effect"
+    names = say.table(
+        {
+            "ghost [trail|trails|image|images]|after [image|images]|ghosting|afterimage|afterimages|ghosts": True,
+            "trail|trails|[motion|light] [trail|trails]|streaks|motion streaks|echoing|trailing|echo|echoes|trailing copies|onion "
+            "skin|onion skinning|" + say.any_form("follow") + "|echo effect": False,
+        },
+        reserve=False,
     )
     lagging = say.literal("delayed|lagging|late|trailing|following|time shifted")
     return say.command(
         "let a copy follow the dog half a second behind", _trail, "trail", say.NAMED,
         "![[a|an|the|another|one] [ghost|echo|copy|clone|duplicate|twin|trail]] (of|behind|after|for|on|to) <thing>",
-        trail=~say.literal("(a|an|some|the|that|which|who) (fading|ghostly|faint|transparent|soft|see through)")
+        faint=FAINTLY,
+        trail=~say.literal("(a|an|some|the|that|which|who) (soft)")
         + (
-            say.here(lambda reading, at: reading.word(at - 1) in say.BEFORE_VERBS) + say.literal("ghost")
-            | lagging + say.here(lambda reading, at: noun.at(reading, at))
+            say.here(lambda reading, at: reading.word(at - 1) in say.BEFORE_VERBS)
+            + say.literal("ghost")
+            + say.constant(True)
+            | lagging + say.here(lambda reading, at: noun.at(reading, at)) + say.constant(False)
             | names
         ),
-        copies="(by|of|some|few|a few|several|ghost|ghostly|faint|with) [copies|clones|ghosts|echoes|"
-               "duplicates|of it|of itself|of him|of her|ghostly copies]",
+        copies="(by|of|some|few|a few|several|with) [copies|clones|ghosts|echoes|duplicates|of it|of itself|of him|of her]",
         single=say.phrase(
-            "(a|one|another|the|an identical|a second) [copy|clone|ghost|duplicate|second one|twin]|[a second|"
+            "(a|one|another|the|an identical|a second) [copy|clone|duplicate|second one|twin]|[a second|"
             "another|an identical|one more|an extra|the same] ![copy|ghost|clone|one] (<.familiar> ![that|"
             "which|who])"
         )
-        >> (lambda: True),
+        >> (lambda: False)
+        | say.phrase("(a|one|another|the|a second) ghost ![trail|trails|image|images|copies]") >> (lambda: True),
         times=say.phrase("(of|with|by|plus|and|+) !a <times>", times=times), verb=say.phrase("<light_verb>|{add}"),
         behind="behind it|behind him|behind her|after it|behind itself|behind|it|itself|him|her|the original|"
                "the first (one)|the real one",
@@ -224,11 +258,12 @@ def copied(
     shift: TimeExpression | None = None,
     own: Place | None = None,
     called: str = "",
-) -> Value:
+    faint: bool = False,
+) -> Given:
     """Return copies; Refusal for a number of them that is not whole.
 
     `way`, `far`, `own`: the direction, the distance and the thing beside which they stand; `times`: their number; `shift`: their
-    delay; `called`: their name.
+    delay; `called`: their name; `faint`: they can be seen through.
     """
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
@@ -252,10 +287,21 @@ def copied(
         context.last = who
         return Duplicate(who, time_shift=later, **placing, **when.none("A copy"))
 
-    return value
+    def faded(_: SelectKind, when: When, context: SentenceContext) -> Change:
+        return Opacity(Named(called or context.next_copy), FAINT)
+
+    return ((value,), (faded,)) if faint else value
 
 
-def _trail(times: float | None = None, shift: TimeExpression | None = None, single: bool = False) -> Value:
+def _trail(
+    trail: bool,
+    times: float | None = None,
+    shift: TimeExpression | None = None,
+    single: bool | None = None,
+    faint: bool = False,
+) -> Given:
+    """Return copies behind it, or a single one; see-through where one of the words for them says so."""
     from ..english import TRAIL_COPIES, TRAIL_LAG
 
-    return copied(times=times or (1.0 if single else TRAIL_COPIES), shift=shift or TRAIL_LAG)
+    times = times or (TRAIL_COPIES if single is None else 1.0)
+    return copied(times=times, shift=shift or TRAIL_LAG, faint=bool(trail or single or faint))

@@ -352,7 +352,8 @@ def _playing() -> Rule:
     """Return the rule of selections that are played."""
     from .. import english as say
 
-    return say.phrase("<motion>|<about> <thing>", motion=say.whose(MOTIONS))
+    whole = say.literal(f"[the|this|that|all the|all] (whole|entire) [{MOTIONS}]") >> say.the_clip
+    return say.phrase("<motion>|<about> <thing>|<whole>", motion=say.whose(MOTIONS), whole=whole)
 
 
 def _backward() -> Rule:

@@ -18,7 +18,7 @@ from ..change import Change, Ease, Reply, Span, Vector, check_range, check_span
 from ..description import colour_words, number_words, percent_words, strength_words, times_words, whom
 from ..selects import All, Not, SelectKind
 from ..state import Appearance
-from ..values import Value, graded, refused
+from ..values import Graded, Value, graded, refused
 from ._color import Dye
 
 if TYPE_CHECKING:
@@ -178,8 +178,9 @@ class Recolour(Dye):
             rgb=~say.keyword("to|toward|into") + say.colour,
         )  # fmt: skip
         tint = say.command(
-            "tint the dog orange", faintly, "verb rgb", verb="{tint}",
+            "tint the dog orange", lambda rgb, share=A_BIT: assigned(rgb, share), "verb rgb", verb="{tint}",
             rgb="<a_color> <shade_of> [<colour>|<colourish>] (<colored>)",
+            share=~say.keyword("by|at") + (say.percent >> say.at_most),
         )  # fmt: skip
         rest = say.command(
             "only the dog keeps its color", say.always(rest_grayed), "only keeps", say.NAMED, verb="{keep,show}|let",
@@ -207,7 +208,12 @@ class Recolour(Dye):
             verb="{=fade/dissolve/dip/go/fade out/fade slowly}",
             rgb="[to|into|out to|down to] (a|solid|pure|full|total|complete) <colour>",
         )  # fmt: skip
-        return say.Sentences((hue, tint, rest, lifted, fade), (light, exposure), *_colors(), early=(stops,))
+        pulled = say.command(
+            "pull the green of the dog by 10 %", lambda way, rgb, how=None: more_of(rgb)(how, way), "way rgb", say.WHOLE,
+            way={say.any_form("more"): True, say.any_form("less"): False}, rgb="(the|its|all (the)) <colour> (channel|cast|tint)",
+            how=say.amount, across="across (the board)|back|down|up|out",
+        )  # fmt: skip
+        return say.Sentences((hue, tint, rest, lifted, fade, pulled), (light, exposure), *_colors(), early=(stops,))
 
 
 def exposed_by(by: float, way: bool = True) -> Value:
@@ -276,6 +282,7 @@ def _colors() -> tuple[tuple[Rule, ...], tuple[Rule, ...]]:
             "respray|lick of paint|look|appearance]|(with|in|to|of|as) (the|a) color (:|=|of|to) <colour>"
         )
         >> assigned,
+        say.phrase("<a_> (black|dark|pure|full|complete) silhouette") >> (lambda: recoloured(COLOURS["black"])),
     )
     return (made,), (alone,)
 
@@ -322,6 +329,22 @@ def added(times: float, more: tuple[Vector, int]) -> Value:
     rgb, sign = more
     red, green, blue = (round(times * sign * MORE_COLOUR * (c - 0.5), PLACES) for c in rgb)
     return recoloured((red, green, blue), "add")
+
+
+def more_of(rgb: Vector) -> Graded:
+    """Return more or less of a color, by the part of it that is said, else as much as is usual."""
+
+    def changed(how: Amount | None, upward: bool) -> Value:
+        if how is not None and how.kind != "fraction" and how.kind not in DEGREES:
+            raise Mismatch
+        times = (
+            DEGREES[how.kind if how else "usual"].share
+            if how is None or how.kind in DEGREES
+            else how.value / MORE_COLOUR
+        )
+        return added(times, (rgb, 1 if upward else -1))
+
+    return changed
 
 
 def fading_to(rgb: Vector) -> Value:

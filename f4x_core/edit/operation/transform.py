@@ -342,6 +342,10 @@ def _moving() -> tuple[Command, ...]:
             way=say.here(is_moved) + say.steps, far=far, more="more|further|farther|still|even|over|out", ground=ground,
         ),
         say.command(
+            "the dog leaves the picture to the right", lambda way: moved(way, Distance(1.0, "pictures")), "verb way",
+            verb=f"[{{=exit}}] ((the) [{say.PICTURE}])|[{{=leave}}] (the) [{say.PICTURE}]", way=say.steps,
+        ),
+        say.command(
             "put the dog behind the bush", placed, "place", who="(for|of|with|on) <there_already>",
             verb=say.phrase("![{=drop}] [<moving>|{=pop}]", moving=moving),
             place="(sitting|standing|lying|hanging|placed|resting|located|seated|floating|hovering|positioned|"
