@@ -40,7 +40,7 @@ PUBLISHED = {"OSVOS": (0.798, "Caelles et al., CVPR 2017"), "OFL": (0.680, "Tsai
 
 
 def boundary_f(mask: np.ndarray, truth: np.ndarray) -> float:
-    """F of bool `mask (H,W)` against `truth (H,W)`, in [0, 1]; 1 where both are empty."""
+    """Return F of bool `mask (H,W)` against `truth (H,W)`, in [0, 1]; 1 where both are empty."""
     reach = int(np.ceil(BOUND * np.hypot(mask.shape[0], mask.shape[1])))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (x * x + y * y <= reach * reach).astype(np.uint8)
@@ -53,7 +53,7 @@ def boundary_f(mask: np.ndarray, truth: np.ndarray) -> float:
 
 
 def outline(mask: np.ndarray) -> np.ndarray:
-    """(H,W) bool: pixels of which the right, the lower or the lower right neighbour is on the other side (DAVIS' seg2bmap)."""
+    """Return (H,W) bool: pixels whose right, lower or lower right neighbour is on the other side (DAVIS' seg2bmap)."""
     padded = np.pad(mask, ((0, 1), (0, 1)), mode="edge")
     return (mask != padded[:-1, 1:]) | (mask != padded[1:, :-1]) | (mask != padded[1:, 1:])
 
@@ -65,7 +65,7 @@ def depths(mask: np.ndarray) -> np.ndarray:
 
 
 def innermost(mask: np.ndarray) -> tuple[float, float]:
-    """x, y of the pixel farthest from the outline of bool `mask (H,W)`: where a hand would click."""
+    """Return x, y of the pixel farthest from the outline of bool `mask (H,W)`: where a hand would click."""
     deep = depths(mask)
     y, x = np.unravel_index(deep.argmax(), deep.shape)
     return float(x) + 0.5, float(y) + 0.5
@@ -98,7 +98,7 @@ def corrected(scene: Scene, truth: np.ndarray, frame: int, clicks: int, backend:
 
 
 def box_of(mask: np.ndarray) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom around bool `mask (H,W)`."""
+    """Return left, top, right, bottom around bool `mask (H,W)`."""
     rows, columns = np.nonzero(mask)
     return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
 
@@ -111,7 +111,7 @@ def moving_ones(scene: Scene) -> Selection:
 def ways(
     scene: Scene, mask: np.ndarray, frame: int, label: str | None, encode: Encode | None
 ) -> dict[str, Callable[[], Selection]]:
-    """Way to select -> the search, from the true `mask (H,W)` on clip frame `frame`, and the word where `label` is one."""
+    """Return way to select -> the search, from the true `mask (H,W)` on clip frame `frame`; by `label`, too, where it is a word."""
     found: dict[str, Callable[[], Selection]] = {
         "mask": partial(select_by_mask, scene, mask, frame),
         "mask on the graph": partial(select_by_evidence, scene, [Mask(frame, True, mask)]),
@@ -133,7 +133,7 @@ def score_selecting(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, dict[str, float | str]]:
-    """Way to select -> `J`, `F` (means over bool `masks`, frame -> (H,W)), `worst J` and `seconds`; or `refused`: why not."""
+    """Return way to select -> `J`, `F` (means over bool `masks`, frame -> (H,W)), `worst J`, `seconds`; or `refused`: why not."""
     first = min(frame for frame, mask in masks.items() if mask.any())
     rows: dict[str, dict[str, float | str]] = {}
     selections = {}
@@ -157,7 +157,7 @@ def score_selecting(
 
 
 def score_things(scene: Scene, file: Path, clip: str, backend: str = "auto") -> Iterator[dict[str, Any]]:
-    """IoU on its own frame of a click, up to three and a box on each of the hand-drawn static things of `clip` in `file`.
+    """Yield the IoU, on its own frame, of a click, up to three and a box on each hand-drawn static thing of `clip` in `file`.
 
     `file`: a JSON list of `clip`, `frame`, `name` and `outline` [[x, y], ...] in pixels of the clip's pictures.
     """

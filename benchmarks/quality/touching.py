@@ -48,7 +48,7 @@ class Plain(Body):
     """A body with a colour of its own and a faint texture."""
 
     def colour(self, rest: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Colours (n,3) of surface points given at rest (n,3); the directions of view play no role."""
+        """Return colours (n,3) of surface points given at rest (n,3); the directions of view play no role."""
         hue = np.random.default_rng(self.look).uniform(0.15, 0.85, 3)
         return np.clip(hue + CALM * (texture(rest, self.look) - 0.5), 0.02, 0.98)
 
@@ -59,7 +59,7 @@ class Plain(Body):
 
 
 def drive(xyz: np.ndarray, phase: float, *, shift: np.ndarray, turn: np.ndarray, pivot: np.ndarray, wait: float):
-    """A rigid motion (n,3) that begins at the phase `wait`: turned about `pivot` by up to `turn`, carried by up to `shift`."""
+    """Return a rigid motion (n,3) from the phase `wait` on: turned about `pivot` by up to `turn`, carried by up to `shift`."""
     gone = max(0.0, phase - wait) / max(1 - wait, 1e-9)
     return quaternion.rotate(quaternion.from_rotation_vector(gone * turn), xyz - pivot) + pivot + gone * shift
 
@@ -147,7 +147,7 @@ def true_scene(world: World) -> tuple[Scene, np.ndarray]:
 
 
 def _splats(bodies: list[Body]) -> dict[str, np.ndarray]:
-    """Round opaque Gaussians at the bodies' points, as wide as these lie apart, with the true colours."""
+    """Return round opaque Gaussians at the bodies' points, as wide as these lie apart, with the true colours."""
     xyz = np.concatenate([body.at(0.0) for body in bodies]).astype(np.float32)
     colour = np.concatenate([body.colour(body.xyz, np.zeros_like(body.xyz)) for body in bodies])
     apart = np.concatenate(
@@ -163,13 +163,13 @@ def _splats(bodies: list[Body]) -> dict[str, np.ndarray]:
 
 
 def _area(body: Body) -> float:
-    """Of the body's triangles at rest."""
+    """Return the area of the body's triangles at rest."""
     one, two = body.triangles[:, 1] - body.triangles[:, 0], body.triangles[:, 2] - body.triangles[:, 0]
     return float(np.linalg.norm(np.cross(one, two), axis=1).sum() / 2)
 
 
 def _nodes(world: World, movers: list[Body]) -> Scaffold:
-    """One node for each mover, at its middle, moved as it is."""
+    """Return one node for each mover, at its middle, moved as it is."""
     times = world.cameras.times
     axes = np.concatenate([np.zeros((1, 3)), np.eye(3)])  # a frame of points, whose motion tells the rotation
     middles = [body.xyz.mean(0) for body in movers]
@@ -198,12 +198,12 @@ def _nodes(world: World, movers: list[Body]) -> Scaffold:
 
 
 def things_of(world: World) -> list[str]:
-    """Labels that are clicked."""
+    """Return the labels that are clicked."""
     return [label for label in world.labels if label not in ("wall", "floor", "table")]
 
 
 def drawn_things(world: World, scene: Scene, labels: np.ndarray) -> dict[int, dict[str, np.ndarray]]:
-    """Frame -> thing -> (H,W) bool: where the Gaussians with its label, (N,) int, show most of a pixel."""
+    """Return frame -> thing -> (H,W) bool: where the Gaussians with its label, (N,) int, show most of a pixel."""
     one = np.eye(len(world.labels), dtype=np.float32)[labels]
     result = {}
     for frame in {*CLICKED, *JUDGED}:

@@ -82,12 +82,12 @@ class Person:
 
     @property
     def frames(self) -> list[int]:
-        """Pictures, ascending."""
+        """Return the pictures, ascending."""
         return sorted(self.poses)
 
     @property
     def weight(self) -> float:
-        """Frames that show them, weighted by size."""
+        """Return the number of frames that show them, weighted by size."""
         return sum(np.sqrt(pose.crop.side) for pose in self.poses.values())
 
 

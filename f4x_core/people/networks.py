@@ -63,7 +63,7 @@ class Crop:
 
     @property
     def turn(self) -> float:
-        """Radians 0..pi from upright, to either side."""
+        """Return radians 0..pi from upright, to either side."""
         return abs((self.angle + np.pi) % (2 * np.pi) - np.pi)
 
     def to_picture(self, size: int) -> np.ndarray:

@@ -84,7 +84,7 @@ class _Persons:
 
     @property
     def total(self) -> str:
-        """The number of people in a sentence's words."""
+        """Return the number of people in a sentence's words."""
         count = len(self.counted)
         return f"There {'is 1 person' if count == 1 else f'are {count} people'} in the scene"
 

@@ -74,7 +74,7 @@ def select_by_text(
     head: str | None = None,
     encode: Encode | None = None,
 ) -> Selection:
-    """Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
+    """Select Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
 
     Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. Shadows and the like are found by what
     is behind them (`cast`), floaters, the ground and the sky by what shape, place and color tell (`cast.SHAPED`). This and every
@@ -100,7 +100,7 @@ def select_by_text(
 
 
 def text_selection(scene: Scene, query: TextQuery, options: SelectOptions = DEFAULT) -> Selection:
-    """The selection of a query: score = probability that a Gaussian belongs to a target (`calibration`), and no wins.
+    """Return the selection of a query: score = probability that a Gaussian belongs to a target (`calibration`), and no wins.
 
     Without `options.calibrated`, or where the text encoder has no null vector, the rule of Feature4X: score = summed softmax of
     the targets, wins = a target is the best label. A horse is found without the rider whom the scene knows (`people_beside`).
@@ -119,7 +119,7 @@ def text_selection(scene: Scene, query: TextQuery, options: SelectOptions = DEFA
 
 
 def select_by_mask(scene: Scene, mask: np.ndarray, frame: int, options: SelectOptions = DEFAULT) -> Selection:
-    """Gaussians of what the bool `mask (H,W)` shows on clip frame `frame`.
+    """Select the Gaussians of what the bool `mask (H,W)` shows on clip frame `frame`.
 
     A mask of another size than the clip's pictures is scaled; F4xError where its aspect is another (`at_clip_size`).
     """
@@ -128,7 +128,7 @@ def select_by_mask(scene: Scene, mask: np.ndarray, frame: int, options: SelectOp
 
 
 def at_clip_size(mask: np.ndarray, cameras: CameraPath) -> np.ndarray:
-    """`mask (h,w)` bool at the size (H,W) of the clip's pictures; F4xError where the aspects differ by more than 1 %."""
+    """Return `mask (h,w)` bool at the size (H,W) of the clip's pictures; F4xError where the aspects differ by more than 1 %."""
     if mask.ndim != 2:
         raise F4xError(f"The mask has shape {mask.shape}; give one number for each pixel.")
     (height, width), (wide, high) = mask.shape, (cameras.width, cameras.height)
@@ -143,12 +143,12 @@ def at_clip_size(mask: np.ndarray, cameras: CameraPath) -> np.ndarray:
 def select_by_points(
     scene: Scene, points: ArrayLike, frame: int, labels: ArrayLike | None = None, options: SelectOptions = DEFAULT
 ) -> Selection:
-    """Gaussians of the object at `points (n,2)` (x, y in pixels; `labels (n,)` False = beside it) on clip frame `frame`."""
+    """Select the object at `points (n,2)` (x, y in pixels; `labels (n,)` False = beside it) on clip frame `frame`."""
     return select_by_prompts(scene, {frame: {"points": points, "labels": labels}}, options)
 
 
 def select_by_box(scene: Scene, box: ArrayLike, frame: int, options: SelectOptions = DEFAULT) -> Selection:
-    """Gaussians of the object in `box` (left, top, right, bottom in pixels) on clip frame `frame`."""
+    """Select the object in `box` (left, top, right, bottom in pixels) on clip frame `frame`."""
     return select_by_prompts(scene, {frame: {"box": box}}, options)
 
 
@@ -196,7 +196,7 @@ def _pointed_at(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None, 
 
 
 def _person_at(scene: Scene, marks: Sequence[Mark], options: SelectOptions) -> np.ndarray | None:
-    """(N,) bool: the person whom the first of `marks` clicks, with `options.part` the part of the body; None for no click on one.
+    """Return (N,) bool: the person, or with `options.part` the part of the body, whom the first of `marks` clicks; else None.
 
     A fit finds a person in some frames and not in others, and clothes, hair and what is carried move along: so the person has all
     that the click points out, where most of that is the person's; a horse is more than its rider. Later marks add and take away
@@ -232,7 +232,7 @@ def _followed(scene: Scene, masks: Mapping[int, np.ndarray], options: SelectOpti
 def select_by_evidence(
     scene: Scene, marks: Sequence[Mark], words: Selection | None = None, options: SelectOptions = DEFAULT
 ) -> Selection:
-    """Gaussians of the thing that marks of any kinds and a word show together: evidence on one graph (`objects.point_out`).
+    """Select the thing that marks of any kinds and a word show together: evidence on one graph (`objects.point_out`).
 
     `marks`: `marks.Point`, `Box`, `Brush`, `Lasso` and `Mask`, on one frame or several, on the thing or (`on` False) on what is
     not meant; `words`: what words select, whose scores count as probabilities. Raises F4xError: marks that are empty, outside
@@ -265,7 +265,7 @@ def _outlined(scene: Scene, scores: np.ndarray, marks: Sequence[Mark], options: 
 def _as_in_masks(
     scene: Scene, scores: np.ndarray, masks: Mapping[int, np.ndarray], limits: ThingConfig, adds: bool = True
 ) -> np.ndarray:
-    """`scores (N,)` of a thing, of moving Gaussians that `masks` (clip frame -> (H,W) bool) show clearly by the masks alone.
+    """Return `scores (N,)` of a thing, of moving Gaussians that `masks` (clip frame -> (H,W) bool) show clearly by the masks alone.
 
     Without `adds` none is added, because other marks may speak against it.
     """
@@ -284,7 +284,7 @@ def _marked_at(frames: Iterable[int]) -> str:
 def _selection(
     scene: Scene, scores: np.ndarray, options: SelectOptions, label: str, wins: np.ndarray | None = None
 ) -> Selection:
-    """The selection by `scores (N,)` and of those that `wins (N,)` bool, without what edits deleted."""
+    """Return the selection by `scores (N,)` and of those that `wins (N,)` bool, without what edits deleted."""
     span, wins = options.span, np.zeros(len(scores), bool) if wins is None else wins
     if span is not None:
         first, last = scene.cameras.times[[0, -1]]

@@ -53,12 +53,12 @@ class Selection:
 
     @property
     def chosen(self) -> np.ndarray:
-        """(N,) bool."""
+        """Return (N,) bool: the Gaussians in the selection."""
         return (self.scores >= self.threshold) | self.wins
 
     @property
     def chosen_ids(self) -> np.ndarray:
-        """(n,) int64 ids of the chosen Gaussians."""
+        """Return the ids (n,) int64 of the chosen Gaussians."""
         return self.ids[self.chosen]
 
     def at_threshold(self, threshold: float, keep_wins: bool = True) -> Selection:

@@ -128,7 +128,7 @@ _GROUPS: Kept[Patches] = Kept()
 
 
 def group_of(scene: Scene) -> Patches:
-    """`group`, cached as long as the scene's features live: all words are scored on the same patches.
+    """Return `group`, cached as long as the scene's features live: all words are scored on the same patches.
 
     An edited scene has those of its base, a copy that of its original: edits do not change what a thing is.
     """
