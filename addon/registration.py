@@ -14,9 +14,11 @@ from .operators import (
     gestures,
     handles,
     importing,
+    keeping,
     meshes,
     motion,
     placing,
+    planning,
     point_edits,
     searching,
     selecting,
@@ -43,6 +45,8 @@ CLASSES = (
     *gestures.CLASSES,
     *sphere_gizmo.CLASSES,
     *editing.CLASSES,
+    *planning.CLASSES,
+    *keeping.CLASSES,
     *handles.CLASSES,
     *motion.CLASSES,
     *cleanup.CLASSES,
@@ -58,7 +62,7 @@ CLASSES = (
 HANDLED = (
     clip_time,
     display,
-    editing,
+    keeping,
     handles,
     overlay,
     believed,
@@ -69,7 +73,7 @@ HANDLED = (
     viewport,
 )
 """Modules with `HANDLERS`: name of a list of `bpy.app.handlers` -> function; Blender calls them in this order."""
-STARTED = (engine, properties, gestures, editing, overlay, believed, native_motion, shadows, meshes, viewport)
+STARTED = (engine, properties, gestures, planning, overlay, believed, native_motion, shadows, meshes, viewport)
 """Modules with their own register() to call once the classes are registered."""
 
 

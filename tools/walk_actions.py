@@ -23,7 +23,7 @@ door.load_extension()
 from feature4x.addon.common.point_cloud import read_attribute, write_attribute  # noqa: E402
 from feature4x.addon.edits import fields  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.jobs import runner  # noqa: E402 - there once the extension is loaded
-from feature4x.addon.operators import editing  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.operators import planning  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.render.evaluated import OF  # noqa: E402
 from feature4x.addon.rig.scaffold import HANDLE, NODE, layer_of  # noqa: E402
 from feature4x.addon.scene.scene_object import APART, HANDLE_OF, SceneObject  # noqa: E402
@@ -112,7 +112,7 @@ def forget_plans() -> None:
     """Discard the plans of all scenes."""
     for scene_object in SceneObject.among(bpy.data.objects):
         if not scene_object.is_linked and scene_object.state.readings:
-            editing.forget_readings(scene_object)
+            planning.forget_readings(scene_object)
 
 
 @action(1.5, ANY)

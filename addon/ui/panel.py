@@ -15,7 +15,7 @@ from ..edits import display, marking
 from ..edits.fields import draw_fields
 from ..io.render_setup import clip_camera
 from ..jobs import runner
-from ..operators import baking, cleanup, editing, point_edits
+from ..operators import baking, cleanup, planning, point_edits
 from ..operators.base import Section
 from ..operators.gestures import TOOLS
 from ..operators.searching import draw_search
@@ -298,7 +298,7 @@ class F4X_PT_change(Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.drop_plan", text="", icon="X")
         if len(state.readings) == 1:
             again = layout.operator("f4x.plan", text="Other Readings", icon="VIEWZOOM")
-            again.readings = editing.READINGS
+            again.readings = planning.READINGS
 
 
 class F4X_PT_place(Section, bpy.types.Panel):  # noqa: N801

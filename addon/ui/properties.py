@@ -19,10 +19,10 @@ from ...f4x_core.query.knowledge import known_words
 from ...f4x_core.troubles import EXPECTED
 from ..common.wording import error_line
 from ..edits import display, fields, marking
-from ..operators.submitting import submit
 from ..rig.scaffold import layer_of
 from ..scene import clip_time, tints
 from ..scene.scene_object import PREVIEW, TIMED, SceneObject
+from .submitting import submit
 
 OFFERED = ("what moves", "what stands still", "everything", "nothing")
 """Words that the field offers besides labels of the scene."""
