@@ -2,7 +2,7 @@
 
 import bpy
 
-from .edits import display
+from .edits import display, listing
 from .jobs import preferences, runner
 from .operators import (
     baking,
@@ -62,6 +62,7 @@ CLASSES = (
 HANDLED = (
     clip_time,
     display,
+    listing,
     keeping,
     handles,
     overlay,

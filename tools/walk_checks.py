@@ -18,7 +18,7 @@ from feature4x.addon import registration  # noqa: E402 - there once the extensio
 from feature4x.addon.common.geometry_nodes import MOTION  # noqa: E402
 from feature4x.addon.common.lines import CATEGORY  # noqa: E402
 from feature4x.addon.common.point_cloud import read_attribute  # noqa: E402
-from feature4x.addon.edits import display  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.edits import listing  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.operators.point_edits import changes_of  # noqa: E402
 from feature4x.addon.rig.motion_edits import unwritten  # noqa: E402
 from feature4x.addon.rig.repair import used_by  # noqa: E402
@@ -98,7 +98,7 @@ def check_words(scene_object: SceneObject) -> None:
     """Check the sidebar's lists and counts, and its line about the file."""
     state, stack, name = scene_object.state, scene_object.stack, scene_object.name
     shown = [(row.name, row.edit_id, row.enabled) for row in state.history]
-    held = [(display.words_of(edit.operation, scene_object.axes), edit.id, edit.enabled) for edit in stack.edits]
+    held = [(listing.words_of(edit.operation, scene_object.axes), edit.id, edit.enabled) for edit in stack.edits]
     require(shown == held, f"{name}: the history shows {shown} and the scene holds {held}")
     words = scene_object.saving
     try:

@@ -11,7 +11,7 @@ from ..common.gaussian_attributes import draws_splats
 from ..common.lines import CATEGORY, draw_lines
 from ..common.render_settings import ENGINE
 from ..common.wording import Reporting
-from ..edits import display, marking
+from ..edits import listing, marking
 from ..edits.fields import draw_fields
 from ..io.render_setup import clip_camera
 from ..jobs import runner
@@ -184,7 +184,7 @@ class F4X_PT_ask(Section, bpy.types.Panel):  # noqa: N801
         row.active = state.live
         row.prop(state, "threshold", slider=True)
         row = layout.row()
-        selected, total = display.last_counts(scene_object)
+        selected, total = listing.last_counts(scene_object)
         row.label(text=f"{selected:,} of {total:,} selected", icon="RESTRICT_SELECT_OFF")
         row.prop(state, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
 
