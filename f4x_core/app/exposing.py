@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..clip.images import as_bytes
 from ..edit.naming import by_words
 from ..edit.resolve import named
 from ..errors import F4xError
 from ..geometry.trajectory import Trajectory, cameras_of
-from ..page import as_bytes
 from ..query.labels import encode_labels
 from ..query.matte import MOVES, OBJECTS, refine_passes
 from ..query.unseen import unseen_gaussians

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..clip.images import even_height
+from ..clip.images import as_bytes, even_height
 from ..clip.read import frame_indices
 from ..clip.video import write_video
 from ..edit.naming import by_words
@@ -17,7 +17,6 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
-from ..page import as_bytes
 from ..progress import Progress, silent
 from ..query.matte import matte_image
 from ..query.selection import Selection
