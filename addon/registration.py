@@ -2,7 +2,7 @@
 
 import bpy
 
-from .edits import display
+from .edits import display, listing
 from .jobs import preferences, runner
 from .operators import (
     baking,
@@ -14,9 +14,11 @@ from .operators import (
     gestures,
     handles,
     importing,
+    keeping,
     meshes,
     motion,
     placing,
+    planning,
     point_edits,
     searching,
     selecting,
@@ -43,6 +45,8 @@ CLASSES = (
     *gestures.CLASSES,
     *sphere_gizmo.CLASSES,
     *editing.CLASSES,
+    *planning.CLASSES,
+    *keeping.CLASSES,
     *handles.CLASSES,
     *motion.CLASSES,
     *cleanup.CLASSES,
@@ -58,7 +62,8 @@ CLASSES = (
 HANDLED = (
     clip_time,
     display,
-    editing,
+    listing,
+    keeping,
     handles,
     overlay,
     believed,
@@ -69,7 +74,7 @@ HANDLED = (
     viewport,
 )
 """Modules with `HANDLERS`: name of a list of `bpy.app.handlers` -> function; Blender calls them in this order."""
-STARTED = (engine, properties, gestures, editing, overlay, believed, native_motion, shadows, meshes, viewport)
+STARTED = (engine, properties, gestures, planning, overlay, believed, native_motion, shadows, meshes, viewport)
 """Modules with their own register() to call once the classes are registered."""
 
 

@@ -131,11 +131,11 @@ class Context:
 
     @property
     def repeats(self) -> int:
-        """Rounds of a timing."""
+        """Return the number of rounds of a timing."""
         return 3 if self.quick else 9
 
     def choose(self, quick: Any, full: Any) -> Any:
-        """Choose between the value of a quick report and that of the full one."""
+        """Return one of two values: that of a quick report, or that of the full one."""
         return quick if self.quick else full
 
     def step(self, name: str, work: Callable[[], Any], **settings: Any) -> Any:
@@ -161,7 +161,7 @@ class Context:
         return json.loads(json.dumps(as_plain(result)))
 
     def clip(self, name: str) -> Path:
-        """Folder of a real clip; F4xError where there is none (the runner turns it into `skipped`)."""
+        """Return the folder of a real clip; MissingError where there is none (the runner turns it into `skipped`)."""
         if self.clips is None or not (self.clips / name / "images").is_dir():
             raise MissingError(f"{name}: no such clip; --clips DIR names the folder that holds {name}/images.")
         return self.clips / name
@@ -178,7 +178,7 @@ def time_rows(
     unit: str = "ms",
     column: str = "time",
 ) -> list[Row]:
-    """`name` and the columns `time_columns(column, unit)`: median and quartiles, timed in turn."""
+    """Return rows of `name` and the columns `time_columns(column, unit)`: median and quartiles, timed in turn."""
     factor = {"ms": 1e3, "s": 1.0}[unit]
     rows = []
     for name, seconds in zip(names, time_in_turn(functions, repeats), strict=True):
@@ -188,19 +188,19 @@ def time_rows(
 
 
 def time_columns(column: str = "time", unit: str = "ms") -> tuple[str, str, str]:
-    """Names of the columns that hold the median of some times and its quartiles."""
+    """Return the names of the columns that hold the median of some times and its quartiles."""
     middle = f"{column} ({unit})"
     return middle, *span_columns(middle)
 
 
 def span_columns(column: str) -> tuple[str, str]:
-    """Column names of the range of the column `NAME (unit)`: `NAME low (unit)`, `NAME high (unit)`."""
+    """Return the columns of the range of the column `NAME (unit)`: `NAME low (unit)`, `NAME high (unit)`."""
     name, bracket, unit = column.partition(" (")
     return f"{name} low{bracket}{unit}", f"{name} high{bracket}{unit}"
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the points than which no other is as good on both axes (less is better), by rising x."""
+    """Return the indices of the points than which no other is as good on both axes (less is better), by rising x."""
     front, best = [], math.inf
     for index in sorted(range(len(points)), key=lambda i: points[i]):
         if points[index][1] < best:
@@ -210,7 +210,7 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def as_plain(value: Any) -> Any:
-    """JSON data of a result. NaN and infinity become words; a path and whatever else JSON lacks becomes its text."""
+    """Return a result as JSON data. NaN and infinity become words; a path and other types that JSON lacks become text."""
     return json_data(value, non_finite=str, unknown=str)
 
 
@@ -221,7 +221,7 @@ def write_json(file: Path, data: Any) -> None:
 
 
 def read_json(file: Path) -> Any:
-    """Read JSON data; F4xError where the file is none."""
+    """Return the JSON data of a file; F4xError where it is none."""
     try:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -104,7 +104,9 @@ def ensure_environment() -> None:
 
 
 def build_kernel() -> None:
-    """Build the native rasterizer if there is a compiler; otherwise the torch backend is used."""
+    """Build the native library if there is a compiler; otherwise the torch backend is used."""
+    if not any((ROOT / "f4x_core" / "native" / "_build").glob("*")):
+        print("compiling the kernels (a minute, once) …", flush=True)
     subprocess.run([str(venv_python()), "-m", "f4x_core.native.build", "--quiet"], cwd=ROOT, check=False)
 
 

@@ -83,17 +83,17 @@ class Stage:
 
     @property
     def clouds(self) -> list[Any]:
-        """All point clouds."""
+        """Return all point clouds."""
         return clouds_below(self.root)
 
     @property
     def moving(self) -> list[Any]:
-        """The point clouds that nodes move."""
+        """Return the point clouds that nodes move."""
         return [cloud for cloud in self.clouds if cloud.modifiers.get("Feature4X motion")]
 
     @property
     def camera(self) -> Any:
-        """The clip's."""
+        """Return the clip's camera."""
         import bpy
 
         return bpy.context.scene.camera
@@ -228,7 +228,7 @@ def metal() -> Any:
 
 
 def glass() -> Any:
-    """Clear glass."""
+    """Return clear glass."""
     return principled("glass", Base_Color=(1, 1, 1, 1), Transmission_Weight=1.0, Roughness=0.0, IOR=1.45)
 
 

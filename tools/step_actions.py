@@ -48,16 +48,16 @@ class View:
 
     @property
     def area(self):
-        """The viewport; None while a picture that is being rendered fills the window."""
+        """Return the viewport; None while a picture that is being rendered fills the window."""
         return next((area for area in self.window.screen.areas if area.type == "VIEW_3D"), None)
 
     @property
     def editor(self):
-        """The largest area, whatever it shows."""
+        """Return the largest area of any kind."""
         return max(self.window.screen.areas, key=lambda area: area.width * area.height)
 
     def region(self, kind: str = "WINDOW"):
-        """A part of the viewport."""
+        """Return a part of the viewport."""
         return next(region for region in self.area.regions if region.type == kind)
 
     def call(self, operator: Callable, how: str = "EXEC_DEFAULT", /, **settings) -> None:
@@ -67,11 +67,11 @@ class View:
 
     @property
     def scene_object(self) -> SceneObject:
-        """The imported scene."""
+        """Return the imported scene."""
         return SceneObject.among(bpy.context.scene.objects)[0]
 
     def on_screen(self, points: np.ndarray) -> list[list[float]]:
-        """Pixels of the window, from its upper left corner, of points in the scene's axes."""
+        """Return pixels of the window, from its upper left corner, of points in the scene's axes."""
         region, look = self.region(), self.area.spaces.active.region_3d
         to_world = self.scene_object.root.matrix_world
         seen = [
@@ -81,7 +81,7 @@ class View:
 
 
 def maximise(view: View) -> None:
-    """Blender's default file, its viewport as large as the window."""
+    """Open Blender's default file, its viewport as large as the window."""
     view.call(bpy.ops.screen.screen_full_area)
 
 
@@ -91,13 +91,13 @@ def drop(view: View) -> None:
 
 
 def look(view: View) -> None:
-    """The sidebar, and a frame at which there is something to see."""
+    """Show the sidebar, and a frame with all objects in view."""
     view.area.spaces.active.show_region_ui = True
     bpy.context.scene.frame_set(FRAME)
 
 
 def choose_tab(view: View) -> None:
-    """The sidebar's tab."""
+    """Choose the sidebar's tab."""
     view.region("UI").active_panel_category = "Feature4X"
 
 
@@ -108,14 +108,14 @@ def query(view: View) -> None:
 
 
 def box(view: View) -> list[list[float]]:
-    """Take the tool Box of gestures; the corners of a box around the crate."""
+    """Take the tool Box of gestures; return the corners of a box around the crate."""
     view.call(bpy.ops.wm.tool_set_by_id, name="f4x.box_tool")
     (x, y, z), half = CRATE
     return view.on_screen(np.array([(x - 1.2 * half, y - 1.35 * half, z), (x + 1.5 * half, y + 1.1 * half, z)]))
 
 
 def plan(view: View) -> None:
-    """A sentence, planned."""
+    """Type a sentence and plan it."""
     view.call(bpy.ops.wm.tool_set_by_id, name="builtin.select_box")
     say(view, "make the ball blue from frame 10")
 
@@ -126,7 +126,7 @@ def say(view: View, sentence: str) -> None:
 
 
 def apply(view: View) -> None:
-    """Do what was planned."""
+    """Apply the plan."""
     view.call(bpy.ops.f4x.apply_plan)
 
 
@@ -143,12 +143,12 @@ def reopen(view: View) -> None:
 
 
 def solid(view: View) -> None:
-    """Blender's own shading."""
+    """Use Blender's own shading."""
     view.area.spaces.active.shading.type = "SOLID"
 
 
 def add_mesh(view: View) -> None:
-    """A smooth red monkey between the crate, the ball and the wall, and an area lamp on it."""
+    """Add a smooth red monkey between the crate, the ball and the wall, and an area lamp on it."""
     to_world = view.scene_object.root.matrix_world
     view.call(bpy.ops.mesh.primitive_monkey_add, size=0.35, location=to_world @ Vector(MONKEY))
     item = bpy.context.object
@@ -188,12 +188,12 @@ def composite(view: View) -> None:
 
 
 def show_nodes_of_compositor(view: View) -> None:
-    """The compositor in place of the viewport."""
+    """Show the compositor in place of the viewport."""
     view.area.type = "NODE_EDITOR"
 
 
 def choose_nodes(view: View) -> None:
-    """The compositor's nodes, and nothing beside them."""
+    """Show the compositor's nodes, and nothing beside them."""
     area = view.editor
     area.ui_type = "CompositorNodeTree"
     space = area.spaces.active
@@ -204,7 +204,7 @@ def choose_nodes(view: View) -> None:
 
 
 def fit_nodes(view: View) -> None:
-    """All nodes in view."""
+    """Bring all nodes into view."""
     area = view.editor
     region = next(region for region in area.regions if region.type == "WINDOW")
     with bpy.context.temp_override(window=view.window, area=area, region=region):
@@ -212,12 +212,12 @@ def fit_nodes(view: View) -> None:
 
 
 def show_viewport(view: View) -> None:
-    """The viewport again."""
+    """Show the viewport again."""
     view.editor.ui_type = "VIEW_3D"
 
 
 def targets(view: View) -> list[list[float]]:
-    """Select nothing; the places of the ball at this frame and of the wall where the ball was when it was stored."""
+    """Select nothing; return the places of the ball at this frame and of the wall where the ball was when it was stored."""
     for item in bpy.context.view_layer.objects.selected:
         item.select_set(False)
     frame = bpy.context.scene.frame_current
@@ -245,7 +245,7 @@ def move_node(view: View) -> None:
 
 
 def write_motion(view: View) -> None:
-    """Make an edit of it."""
+    """Make an edit of the moved node."""
     view.call(bpy.ops.f4x.write_motion)
     layer_of(view.scene_object.root).hide_viewport = True
     select_only(view.scene_object.root)
@@ -258,12 +258,12 @@ def mesh(view: View) -> None:
 
 
 def show_mesh(view: View) -> None:
-    """Solid shading, without the nodes' lines."""
+    """Use solid shading, without the nodes' lines."""
     view.area.spaces.active.shading.type = "SOLID"
 
 
 def camera(view: View) -> None:
-    """Another camera."""
+    """Look through another camera."""
     select_only(view.scene_object.root)
     view.call(bpy.ops.f4x.show_picture)
     view.call(bpy.ops.f4x.add_path_camera, path="ORBIT", degrees=ORBIT)
@@ -271,7 +271,7 @@ def camera(view: View) -> None:
 
 
 def plate(view: View) -> None:
-    """The clip's camera again; the crate goes."""
+    """Look through the clip's camera again, and remove the crate."""
     bpy.context.scene.camera = next(item for item in bpy.data.objects if item.name == "room camera")
     say(view, "delete the crate")
     view.call(bpy.ops.f4x.apply_plan)
@@ -290,7 +290,7 @@ def save(view: View) -> None:
 
 
 def gold(view: View) -> list[list[float]]:
-    """Say and do; then wait for a click on the crate, whose place this is."""
+    """Make everything that moves gold; return the place of the crate, which is clicked next."""
     say(view, "make everything that moves look like gold")
     view.call(bpy.ops.f4x.apply_plan)
     view.call(bpy.ops.f4x.query_point, "INVOKE_DEFAULT")
@@ -298,7 +298,7 @@ def gold(view: View) -> list[list[float]]:
 
 
 def plan_green(view: View) -> None:
-    """A sentence about what is selected."""
+    """Plan a sentence about the selection."""
     say(view, "make it green from frame 10")
 
 
@@ -323,7 +323,7 @@ STEPS = (
 
 
 class Pilot:
-    """Takes one step at a time, from a timer."""
+    """Robot that takes one step at a time, from a timer."""
 
     def __init__(self, home: Path):
         self.home, self.taken, self.beat = home, 0, 0
@@ -333,11 +333,11 @@ class Pilot:
 
     @property
     def view(self) -> View:
-        """The window, another one once a file was opened."""
+        """Return the window, another one once a file was opened."""
         return View(self.home)
 
     def tick(self) -> float:
-        """Take the step that is asked for, and say how things are."""
+        """Take the step that is asked for, and report the state."""
         order = self.home / "order.json"
         if order.exists() and (self.view.area is not None or self.view.editor.type == "NODE_EDITOR"):
             asked = json.loads(order.read_text())
@@ -379,7 +379,7 @@ class Pilot:
 
 
 def main() -> None:
-    """Begin."""
+    """Start the pilot."""
     view = bpy.context.preferences.view
     view.show_splash = view.show_tooltips = False
     bpy.context.preferences.system.use_region_overlap = False  # the sidebar would hide what is beside it

@@ -39,7 +39,7 @@ WIDE, QUALITY = 640, 74
 
 
 class Guide(Window):
-    """Blender's window, a person before it, and a camera."""
+    """Robot that takes the pictures: Blender's window, a mouse and a keyboard, and a camera."""
 
     def __init__(self, *given):
         super().__init__(*given)
@@ -111,7 +111,7 @@ class Guide(Window):
 
 @contextmanager
 def blender(root: Path, out: Path, size: tuple[int, int]) -> Iterator[Guide]:
-    """A Blender with its default file and the extension, until the block ends."""
+    """Run Blender with its default file and the extension, until the block ends."""
     with clean_profile(root) as profile:
         write_scene(step_scene(), profile.folder / "room.f4x")
         script = f"{profile.check_out()}/tools/step_actions.py"
@@ -187,7 +187,7 @@ def walk(guide: Guide) -> None:
 
 
 def panels(guide: Guide) -> None:
-    """The pictures of docs/blender.md: the sidebar, and its tasks."""
+    """Take the pictures of docs/blender.md: the sidebar, and its tasks."""
     begin(guide, lambda name: None)
     [place] = guide.take("gold", lambda state: len(state["edits"]) == 1)["places"]
     guide.hand("mousemove", *map(round, place))
@@ -208,7 +208,7 @@ def panels(guide: Guide) -> None:
 
 
 def compositing(guide: Guide) -> None:
-    """The pictures of docs/compositing.md."""
+    """Take the pictures of docs/compositing.md."""
     begin(guide, lambda name: None)
     guide.take("add_mesh")
     guide.picture("../compositing_1_mesh")
@@ -232,7 +232,7 @@ def compositing(guide: Guide) -> None:
 
 
 def main() -> None:
-    """Take them."""
+    """Take all pictures."""
     parser = argparse.ArgumentParser(prog="step_pictures.py", description=__doc__.splitlines()[0])
     parser.add_argument("--root", type=Path, required=True, help="folder of the system to chroot into")
     parser.add_argument("--page", choices=("blender", "compositing"), help="only the pictures of this page")

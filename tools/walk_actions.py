@@ -23,7 +23,7 @@ door.load_extension()
 from feature4x.addon.common.point_cloud import read_attribute, write_attribute  # noqa: E402
 from feature4x.addon.edits import fields  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.jobs import runner  # noqa: E402 - there once the extension is loaded
-from feature4x.addon.operators import editing  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.operators import planning  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.render.evaluated import OF  # noqa: E402
 from feature4x.addon.rig.scaffold import HANDLE, NODE, layer_of  # noqa: E402
 from feature4x.addon.scene.scene_object import APART, HANDLE_OF, SceneObject  # noqa: E402
@@ -56,7 +56,7 @@ NAMES = ("a", "dog 00001", "labelled", "ø", "x" * 60, "node 00000", "NODE 3", "
 
 @dataclass(frozen=True)
 class Action:
-    """Something to do."""
+    """Action of the walk, and how often it is taken."""
 
     run: Callable[[Walk], Any]
     weight: float
@@ -89,7 +89,7 @@ def near_limits(walk: Walk) -> bool:
 
 @action(2)
 def import_scene(walk: Walk) -> None:
-    """Import one of the scene files, once more maybe."""
+    """Import one of the scene files, perhaps once more."""
     if not near_limits(walk):
         path = walk.random.choice([*walk.files, walk.folder / "splats.ply"])
         walk.call(bpy.ops.f4x.import_scene, filepath=str(path), set_up_render=walk.random.random() < 0.5)
@@ -97,7 +97,7 @@ def import_scene(walk: Walk) -> None:
 
 @action(1)
 def import_nothing(walk: Walk) -> None:
-    """Import what is no scene."""
+    """Import a file that is no scene."""
     walk.call(bpy.ops.f4x.import_scene, filepath=str(walk.folder / "broken.f4x"))
 
 
@@ -109,15 +109,15 @@ def save_blend(walk: Walk) -> None:
 
 
 def forget_plans() -> None:
-    """Drop what is planned in all scenes."""
+    """Discard the plans of all scenes."""
     for scene_object in SceneObject.among(bpy.data.objects):
         if not scene_object.is_linked and scene_object.state.readings:
-            editing.forget_readings(scene_object)
+            planning.forget_readings(scene_object)
 
 
 @action(1.5, ANY)
 def reopen(walk: Walk) -> None:
-    """Save and open again: everything has to be as it was but for what is only planned, which no file keeps."""
+    """Save and open again: everything has to be as it was, but for plans, which no file keeps."""
     save_blend(walk)
     forget_plans()
     before = content()
@@ -127,14 +127,14 @@ def reopen(walk: Walk) -> None:
 
 @action(0.5, ANY)
 def revert(walk: Walk) -> None:
-    """Open what was saved last, without saving."""
+    """Open the .blend as it was saved last, without saving."""
     if walk.blend is not None:
         walk.open(walk.blend)
 
 
 @action(0.4, ANY)
 def auto_saved(walk: Walk) -> None:
-    """A copy that Blender writes by itself, opened after a crash."""
+    """Open a copy that Blender writes by itself, as after a crash."""
     copy, handlers = walk.folder / "auto.blend", bpy.app.handlers.save_pre
     asleep = list(handlers)
     handlers.clear()  # it tells nobody
@@ -166,7 +166,7 @@ def link_library(walk: Walk) -> None:
 
 @action(0.4)
 def make_local(walk: Walk) -> None:
-    """Make what is linked local."""
+    """Make linked scenes local."""
     walk.call(bpy.ops.object.select_all, action="SELECT")
     walk.call(bpy.ops.object.make_local, type="ALL")
 
@@ -195,7 +195,7 @@ def query_box(walk: Walk) -> None:
 
 @action(2)
 def gesture(walk: Walk) -> None:
-    """Box, brush, lasso or sphere."""
+    """Select by a box, a brush, a lasso or a sphere."""
     random, mode = walk.random, walk.random.choice(("SET", "ADD", "SUBTRACT", "INTERSECT"))
     kind = random.choice(("box", "brush", "lasso", "sphere"))
     if kind == "box":
@@ -210,7 +210,7 @@ def gesture(walk: Walk) -> None:
 
 @action(2)
 def change_selection(walk: Walk) -> None:
-    """Grow, shrink, invert, all, none."""
+    """Grow, shrink or invert the selection, select all or none."""
     walk.call(
         bpy.ops.f4x.change_selection, how=walk.random.choice(("GROW", "SHRINK", "INVERT", "ALL", "NONE")), reach=0.1
     )
@@ -226,7 +226,7 @@ def select_named(walk: Walk) -> None:
 
 @action(1)
 def hide(walk: Walk) -> None:
-    """Hide, isolate, show all."""
+    """Hide or isolate the selection, or show all."""
     walk.call(bpy.ops.f4x.hide, what=walk.random.choice(("SELECTED", "OTHERS", "NOTHING")))
 
 
@@ -299,7 +299,7 @@ def transform(walk: Walk) -> None:
 
 @action(1.5, ANY)
 def change_field(walk: Walk) -> None:
-    """Another value of a field of an edit, as in the list of edits."""
+    """Change a field of an edit, as in the list of edits."""
     found, random = walk.scene(), walk.random
     if found is None or found.is_linked or not len(found.state.history):
         return
@@ -324,7 +324,7 @@ def change_field(walk: Walk) -> None:
 
 @action(1, ANY)
 def edit_gizmo(walk: Walk) -> None:
-    """A handle for the selection or an edit, moved."""
+    """Add a handle for the selection or an edit, and move it."""
     found = walk.scene()
     rows = [] if found is None else [row.edit_id for row in found.state.history]
     walk.call(bpy.ops.f4x.edit_gizmo, edit_id=walk.random.choice((0, *rows)))
@@ -355,7 +355,7 @@ def clean(walk: Walk) -> None:
 
 @action(1.5, ANY)
 def edit_points(walk: Walk) -> None:
-    """Delete or move points with Blender's own tools, take that over or put it back."""
+    """Delete or move points with Blender's own tools; take that over or put it back."""
     found, how = walk.scene(), walk.random.choice(("delete", "move", "take", "take", "back"))
     # moved points of the separate cloud are drawn anew from the edits, and no edit could hold them
     clouds = [] if found is None or found.is_linked else [cloud for cloud in found.clouds if APART not in cloud]
@@ -395,7 +395,7 @@ def place(walk: Walk) -> None:
 
 @action(0.3, ANY)
 def export_scene(walk: Walk) -> None:
-    """Export what is seen."""
+    """Export the scene as it is shown."""
     walk.call(
         bpy.ops.f4x.export_scene,
         filepath=str(walk.folder / "export.ply"),
@@ -406,7 +406,7 @@ def export_scene(walk: Walk) -> None:
 
 @action(1, GROWS)
 def retime(walk: Walk) -> None:
-    """Freeze the selection or play it otherwise."""
+    """Freeze the selection or change its speed."""
     if walk.random.random() < 0.5:
         walk.edit(bpy.ops.f4x.freeze, first=walk.random.randrange(5), goes_on=walk.random.random() < 0.5, last=5)
     else:
@@ -421,7 +421,7 @@ def name_selection(walk: Walk) -> None:
 
 @action(1, ANY)
 def restore(walk: Walk) -> None:
-    """Bring back what was removed."""
+    """Bring back all that was removed."""
     walk.call(bpy.ops.f4x.restore)
 
 
@@ -438,7 +438,7 @@ def history(walk: Walk) -> None:
 
 @action(3)
 def plan(walk: Walk) -> None:
-    """Say what to do."""
+    """Plan a sentence."""
     sentence = walk.random.choice(SENTENCES).format(word=walk.word())
     walk.call(bpy.ops.f4x.plan, sentence=sentence, readings=walk.random.choice((1, 1, 4)))
     if walk.random.random() < 0.3:
@@ -447,14 +447,14 @@ def plan(walk: Walk) -> None:
 
 @action(0.3)
 def composite(walk: Walk) -> None:
-    """Meshes by Cycles or EEVEE in renders; what is rendered then is Feature4X's again."""
+    """Render meshes by Cycles or EEVEE; the engine of the render is Feature4X afterwards."""
     walk.call(bpy.ops.f4x.composite, engine=walk.random.choice(("CYCLES", "EEVEE")))
     bpy.context.scene.render.use_compositing = False  # minutes, where the processor draws
 
 
 @action(0.5)
 def hold_out(walk: Walk) -> None:
-    """An object or a collection is held out, or not."""
+    """Hold an object or a collection out, or no longer."""
     if objects := list(bpy.context.view_layer.objects):
         item = walk.random.choice(objects)
         item.is_holdout = not item.is_holdout
@@ -464,7 +464,7 @@ def hold_out(walk: Walk) -> None:
 
 @action(2, GROWS)
 def apply_plan(walk: Walk) -> None:
-    """Apply it, or another reading of it."""
+    """Apply the plan, or another reading of it."""
     found = walk.scene()
     if found is not None and len(found.state.readings) > 1:
         walk.call(bpy.ops.f4x.pick_reading, number=walk.random.randrange(len(found.state.readings)))
@@ -473,13 +473,13 @@ def apply_plan(walk: Walk) -> None:
 
 @action(1)
 def drop_plan(walk: Walk) -> None:
-    """Discard it."""
+    """Discard the plan."""
     walk.call(bpy.ops.f4x.drop_plan)
 
 
 @action(2, ANY, file=True)
 def save_edits(walk: Walk) -> None:
-    """Save the edits: the file then holds them, and what others wrote there in between."""
+    """Save the edits: the file then holds them, and those that others wrote there in between."""
     found = walk.scene()
     if found is None or found.is_linked or not found.path.exists() or not found.holds_edits:
         return
@@ -493,7 +493,7 @@ def save_edits(walk: Walk) -> None:
 
 @action(0.5, file=True)
 def another_program(walk: Walk) -> None:
-    """Another program adds an edit to the scene file."""
+    """Let another program add an edit to the scene file."""
     path = walk.random.choice(walk.files)
     if path.exists() and len(read_stack(path)) < MAX_EDITS:
         write_stack(path, read_stack(path).append(Opacity(All(), round(walk.random.uniform(0.5, 1), 3))))
@@ -501,7 +501,7 @@ def another_program(walk: Walk) -> None:
 
 @action(0.5, file=True)
 def move_file(walk: Walk) -> None:
-    """Move a scene file away; the next time it comes back."""
+    """Move a scene file away, or back."""
     path = walk.random.choice(walk.files)
     away = path.with_suffix(".away")
     shutil.move(*((path, away) if path.exists() else (away, path)))
@@ -525,14 +525,14 @@ def find_scene(walk: Walk) -> None:
 
 @action(6, ANY)
 def undo(walk: Walk) -> None:
-    """Ctrl-Z, a few times."""
+    """Press Ctrl-Z a few times."""
     for _ in range(walk.random.choice((1, 1, 1, 2, 4))):
         walk.undo()
 
 
 @action(4, ANY)
 def redo(walk: Walk) -> None:
-    """Ctrl-Shift-Z, a few times."""
+    """Press Ctrl-Shift-Z a few times."""
     for _ in range(walk.random.choice((1, 1, 2, 4))):
         walk.redo()
 
@@ -574,7 +574,7 @@ def rename(walk: Walk) -> None:
 
 @action(1, ANY)
 def delete_objects(walk: Walk) -> None:
-    """Delete what is selected, or an object by a script."""
+    """Delete the selected objects, or an object by a script."""
     if walk.random.random() < 0.5:
         walk.call(bpy.ops.object.delete, use_global=walk.random.random() < 0.3)
     elif bpy.context.scene.objects:
@@ -597,7 +597,7 @@ def delete_scene(walk: Walk) -> None:
 
 @action(1, ANY)
 def duplicate_objects(walk: Walk) -> None:
-    """Shift-D or Alt-D on what is selected, or on a whole scene."""
+    """Press Shift-D or Alt-D on the selected objects, or on a whole scene."""
     found = walk.scene()
     if found is not None and walk.random.random() < 0.6:
         if near_limits(walk):
@@ -609,7 +609,7 @@ def duplicate_objects(walk: Walk) -> None:
 
 @action(1, ANY)
 def transform_object(walk: Walk) -> None:
-    """Move, turn or scale an object; the handle of an edit changes that."""
+    """Move, turn or scale an object; the handle of an edit changes that edit."""
     items = [item for item in walk.pickable() if item.library is None]
     if items:
         item = walk.random.choice(items)
@@ -634,7 +634,7 @@ def reparent(walk: Walk) -> None:
 
 @action(0.5, ANY)
 def join_objects(walk: Walk) -> None:
-    """Ctrl-J."""
+    """Join the selected objects by Ctrl-J."""
     walk.call(bpy.ops.object.join)
 
 
@@ -647,7 +647,7 @@ def purge(walk: Walk) -> None:
 
 @action(0.5)
 def change_mode(walk: Walk) -> None:
-    """Edit Mode and back."""
+    """Go to Edit Mode and back."""
     if bpy.context.object is not None:
         before = bpy.context.mode
         walk.call(bpy.ops.object.mode_set, mode=walk.random.choice(("EDIT", "OBJECT", "SCULPT")))
@@ -657,7 +657,7 @@ def change_mode(walk: Walk) -> None:
 
 @action(0.3)
 def foreign_modifier(walk: Walk) -> None:
-    """Another modifier on a point cloud, or one of ours switched."""
+    """Add another modifier to a point cloud, or switch one of ours."""
     found = walk.scene()
     clouds = [] if found is None or found.is_linked else found.clouds
     if clouds:
@@ -702,7 +702,7 @@ def grab_nodes(walk: Walk) -> None:
 
 @action(1.5)
 def time_clip(walk: Walk) -> None:
-    """Another start, speed or course of time."""
+    """Change the start, the speed or the course of time."""
     found, random = walk.scene(), walk.random
     if found is None or found.is_linked:
         return
@@ -740,7 +740,7 @@ def write_motion(walk: Walk) -> None:
 
 @action(0.7)
 def make_mesh(walk: Walk) -> None:
-    """A mesh of the selection."""
+    """Make a mesh of the selection."""
     before = len(bpy.data.objects)
     walk.call(bpy.ops.f4x.make_mesh, resolution=12, faces=100, current=walk.random.random() < 0.5)
     for job in runner.all_jobs():
@@ -773,14 +773,14 @@ def use_mesh(walk: Walk) -> None:
 
 @action(4)
 def set_frame(walk: Walk) -> None:
-    """Another frame, between frames and outside the clip too."""
+    """Go to another frame, also between frames and outside the clip."""
     scene, frame = bpy.context.scene, walk.random.choice((*range(-1, 8), 2.5))
     scene.frame_set(int(frame), subframe=frame % 1)
 
 
 @action(1)
 def play(walk: Walk) -> None:
-    """Playback: start or stop it, or without a window walk through the frames."""
+    """Start or stop playback, or without a window walk through the frames."""
     if bpy.app.background:
         for frame in range(6):
             bpy.context.scene.frame_set(frame)
@@ -793,14 +793,14 @@ def play(walk: Walk) -> None:
 
 @action(1)
 def switch_engine(walk: Walk) -> None:
-    """Another render engine."""
+    """Choose another render engine."""
     bpy.context.scene.render.engine = walk.random.choice(ENGINES)
     walk.push("engine")
 
 
 @action(0.7)
 def render(walk: Walk) -> None:
-    """F12, small, with some passes."""
+    """Render by F12, small, with some passes."""
     scene, layer = bpy.context.scene, bpy.context.view_layer
     if scene.camera is None or scene.render.engine == "BLENDER_WORKBENCH":
         return
@@ -819,7 +819,7 @@ def render(walk: Walk) -> None:
 
 @action(0.3)
 def add_light(walk: Walk) -> None:
-    """A lamp or a cube, in Object Mode."""
+    """Add a lamp or a cube, in Object Mode."""
     if bpy.context.mode == "OBJECT" and len(bpy.context.scene.objects) < 60:
         kind = walk.random.choice(("SUN", "POINT", "SPOT", "AREA"))
         walk.call(bpy.ops.object.light_add, type=kind, location=(0, 0, 3))
@@ -828,7 +828,7 @@ def add_light(walk: Walk) -> None:
 
 @action(0.3)
 def other_scene(walk: Walk) -> None:
-    """A second scene of Blender, or away with it."""
+    """Add a second scene of Blender, or remove it."""
     if len(bpy.data.scenes) < 2:
         walk.call(bpy.ops.scene.new, type=walk.random.choice(("EMPTY", "LINK_COPY", "FULL_COPY")))
     else:
@@ -843,12 +843,12 @@ def register_anew(walk: Walk) -> None:
 
 
 def by_processor() -> bool:
-    """True if the processor draws the window."""
+    """Return True if the processor draws the window."""
     return "llvmpipe" in gpu.platform.renderer_get()
 
 
 def without_eevee() -> None:
-    """Let viewports be Solid that EEVEE would draw: by the processor that takes minutes, and gigabytes of its memory."""
+    """Switch viewports that EEVEE would draw to Solid: without a graphics card EEVEE takes minutes and gigabytes."""
     if bpy.app.background or not by_processor():
         return
     for window in bpy.context.window_manager.windows:
@@ -860,7 +860,7 @@ def without_eevee() -> None:
 
 @action(1.5)
 def change_view(walk: Walk) -> None:
-    """Another shading, a camera's view, another workspace, a sidebar: in a window."""
+    """Change the shading, the camera's view, the workspace or the sidebar of a window."""
     if bpy.app.background:
         return
     slow = by_processor()  # the buffers of ever more editors are in the memory that is watched

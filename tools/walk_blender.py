@@ -53,7 +53,7 @@ class RandomWalk(Walk):
     """A walk that takes random actions, and checks the scene after each."""
 
     def step(self) -> None:
-        """Do one action, and look at everything."""
+        """Take one action, and check everything."""
         if self.steps % EPISODE == 0:
             self._begin_file()
         names, weights = zip(*((name, each.weight) for name, each in ACTIONS.items()), strict=True)
@@ -166,7 +166,7 @@ def main() -> None:
 
 
 def _end(walk: RandomWalk, begin: float, wrong: str = "", error: Exception | None = None) -> None:
-    """Say what came of it and leave; Blender 4.5 would hang with classes registered."""
+    """Print the result and end the process; Blender 4.5 would hang with classes registered."""
     if error is not None:
         sys.excepthook(type(error), error, error.__traceback__)
     summary = {"steps": walk.steps, "minutes": round((time.monotonic() - begin) / 60, 1), "memory": walk.memory}

@@ -18,7 +18,7 @@ from feature4x.addon import registration  # noqa: E402 - there once the extensio
 from feature4x.addon.common.geometry_nodes import MOTION  # noqa: E402
 from feature4x.addon.common.lines import CATEGORY  # noqa: E402
 from feature4x.addon.common.point_cloud import read_attribute  # noqa: E402
-from feature4x.addon.edits import display  # noqa: E402 - there once the extension is loaded
+from feature4x.addon.edits import listing  # noqa: E402 - there once the extension is loaded
 from feature4x.addon.operators.point_edits import changes_of  # noqa: E402
 from feature4x.addon.rig.motion_edits import unwritten  # noqa: E402
 from feature4x.addon.rig.repair import used_by  # noqa: E402
@@ -42,7 +42,7 @@ BAND = 1.01 * SIGN_BAND
 
 
 class WrongError(Exception):
-    """One sentence: what is not as it should be."""
+    """Raised with one sentence about a state that is wrong."""
 
 
 def require(good: bool, otherwise: str) -> None:
@@ -52,7 +52,7 @@ def require(good: bool, otherwise: str) -> None:
 
 
 def own_scenes() -> list[SceneObject]:
-    """The scenes of the file that are not another file's; what is in no Blender scene any more, Blender does not save."""
+    """Return the file's own scenes; those in no Blender scene are left out, for Blender does not save them."""
     shown = {item.name for scene in bpy.data.scenes for item in scene.objects}
     return [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked and each.name in shown]
 
@@ -95,10 +95,10 @@ def same(before: dict, after: dict, what: str) -> None:
 
 
 def check_words(scene_object: SceneObject) -> None:
-    """The sidebar's lists and counts, and what it says about the file."""
+    """Check the sidebar's lists and counts, and its line about the file."""
     state, stack, name = scene_object.state, scene_object.stack, scene_object.name
     shown = [(row.name, row.edit_id, row.enabled) for row in state.history]
-    held = [(display.words_of(edit.operation, scene_object.axes), edit.id, edit.enabled) for edit in stack.edits]
+    held = [(listing.words_of(edit.operation, scene_object.axes), edit.id, edit.enabled) for edit in stack.edits]
     require(shown == held, f"{name}: the history shows {shown} and the scene holds {held}")
     words = scene_object.saving
     try:
@@ -113,7 +113,7 @@ def check_words(scene_object: SceneObject) -> None:
 
 
 def check_points(scene_object: SceneObject) -> None:
-    """Points show what the core computes for this frame: which are there, how opaque they are, and where they stand."""
+    """Check that points show what the core computes for this frame: which are there, their opacity and their places."""
     try:
         shown = scene_object.shown
     except F4xError:
@@ -149,7 +149,7 @@ def check_points(scene_object: SceneObject) -> None:
 
 
 def undecided(scene: Scene, frame: float) -> np.ndarray:
-    """(N,) bool in the order of `posed`: Gaussians with a node that has turned half a turn against the attach node.
+    """Return (N,) bool in the order of `posed`: Gaussians with a node that has turned half a turn against the attach node.
 
     Which way round they go depends on the signs of the nodes' quaternions: the core continues them in time, and the
     matrices of Blender's objects have none.
@@ -186,33 +186,33 @@ def _check_places(cloud: bpy.types.Object, at: np.ndarray, means: np.ndarray, co
 
 
 def pending() -> dict[int, list]:
-    """session_uid of a root -> its edits."""
+    """Return the edits of each scene, by the session_uid of its root."""
     return {each.root.session_uid: json.loads(each.root.get(EDITS, cache.NO_EDITS)) for each in own_scenes()}
 
 
 class _Layout:
-    """Takes what panels draw where there is no window; what they name has to exist."""
+    """Stand-in for `UILayout` where there is no window; names that panels give it have to exist."""
 
     def __getattr__(self, name: str) -> Any:
         return lambda *_, **__: self
 
     def panel(self, *_: Any, **__: Any) -> tuple[_Layout, _Layout]:
-        """A header and a body."""
+        """Return a header and a body."""
         return self, self
 
     def prop(self, data: Any, name: str, **_: Any) -> None:
-        """A property."""
+        """Require that a property exists."""
         getattr(data, name)
 
     def operator(self, name: str, **_: Any) -> _Layout:
-        """A button."""
+        """Require that an operator exists."""
         room, name = name.split(".")
         getattr(getattr(bpy.ops, room), name).get_rna_type()
         return self
 
 
 class _Drawn:
-    """A panel without a window."""
+    """Stand-in for a panel without a window."""
 
     def __init__(self, panel: type):
         self._panel, self.layout = panel, _Layout()
@@ -229,7 +229,7 @@ def draw_panels() -> None:
 
 
 class _Context:
-    """Blender's context with a region and a size of letters."""
+    """Stand-in for Blender's context, with a region and a size of letters."""
 
     region = SimpleNamespace(width=300)
     preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))

@@ -29,7 +29,7 @@ UNDONE = 25
 
 
 class Walk:
-    """The state of a random walk and the calls of its actions: random numbers, files, what undo should bring back."""
+    """State of a random walk and the calls of its actions: random numbers, files, and what undo has to bring back."""
 
     def __init__(self, scene: Path, folder: Path, seed: int, words: list[str]):
         self.random, self.source, self.folder, self.words = random.Random(seed), scene, folder, words
@@ -64,20 +64,20 @@ class Walk:
         return SceneObject.of(bpy.context.object)
 
     def pickable(self) -> list[bpy.types.Object]:
-        """Actions that a click can reach."""
+        """Return the objects that a click can reach."""
         return [item for item in bpy.context.view_layer.objects if item.visible_get()]
 
     def collections(self) -> list[str]:
-        """Names of the collections that hold scenes."""
+        """Return the names of the collections that hold scenes."""
         owners = [item.users_collection for item in bpy.data.objects if PATH in item]
         return [found[0].name for found in owners if found]
 
     def met(self, scene_object: SceneObject) -> EditStack:
-        """Content of the file when the scene last read or wrote it."""
+        """Return the stack that the file held when the scene last read or wrote it."""
         return cache.stack_from(scene_object._met, scene_object.name)
 
     def call(self, operator: Callable, **options: Any) -> bool:
-        """Call an operator as a button does; whether it did something. A refusal in one sentence is an answer."""
+        """Call an operator as a button does; return True if it did something. A refusal in one sentence is an answer."""
         name = operator.idname_py()  # type: ignore[attr-defined]
         self.note(f"  {name} {options}")
         try:
@@ -92,7 +92,7 @@ class Walk:
         return done
 
     def edit(self, operator: Callable, **options: Any) -> None:
-        """Call an operator that adds an edit; its refusal leaves everything as it was."""
+        """Call an operator that adds an edit; check that a refusal leaves everything as it was."""
         before = content()
         if not self.call(operator, **options):
             same(before, content(), "refused")
@@ -106,12 +106,12 @@ class Walk:
             self.begin_undo()
 
     def remember(self) -> None:
-        """Blender has ended a step of undo: undo has to bring this back."""
+        """Note the state that undo has to bring back, as Blender has ended a step of undo."""
         self._pushed = [*self._pushed[: self._at + 1], content()][-UNDONE:]
         self._at = len(self._pushed) - 1
 
     def undo(self) -> None:
-        """Undo once: what was there before comes back."""
+        """Undo once, and check that the state before is back."""
         if self._at > 0 and bpy.ops.ed.undo.poll():
             self._at -= 1
             bpy.ops.ed.undo()

@@ -26,7 +26,7 @@ LONGEST = 900
 
 
 def main() -> int:
-    """Walk, and fetch what is left."""
+    """Walk, and print the results."""
     parser = argparse.ArgumentParser(prog="walk_window.py", description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path, help="scene file, name.f4x")
     parser.add_argument("--root", type=Path, required=True, help="folder of the system to chroot into")

@@ -13,7 +13,6 @@ import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -32,7 +31,7 @@ from ..common.wording import error_line
 from ..scene import cache
 from ..scene.clip_time import FIRST, LAST, time_of
 from ..scene.scene_object import EDITS, SceneObject
-from . import display
+from . import display, listing
 
 PLANNED = {
     "select",
@@ -91,15 +90,9 @@ class Row:
         return next((cls(scene_object, id, edit.operation) for edit in edits if edit.id == id), None)
 
 
-@lru_cache(maxsize=8)
-def _stack(text: str) -> EditStack:
-    """Read a stack; panels are drawn often."""
-    return cache.stack_from(text, "edits")
-
-
 def stack_of(scene_object: SceneObject) -> EditStack:
-    """Return the pending stack, read only where it has changed."""
-    return _stack(scene_object.root.get(EDITS, cache.NO_EDITS))
+    """Return the pending stack; a panel that draws may not store one where there is none, as `SceneObject.stack` does."""
+    return cache.stack_from(scene_object.root.get(EDITS, cache.NO_EDITS), scene_object.name)
 
 
 def change(scene_object: SceneObject, id: int, *, later: bool = False, **values: Any) -> None:
@@ -167,7 +160,7 @@ def _summarize() -> None:
     """Sum up what edits uncover, once nobody drags any more."""
     for scene_object in SceneObject.among(bpy.context.scene.objects):
         with contextlib.suppress(F4xError):
-            display.update_panel(scene_object)
+            listing.update_panel(scene_object)
 
 
 def draw_fields(layout: bpy.types.UILayout, scene_object: SceneObject) -> None:

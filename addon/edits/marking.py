@@ -11,7 +11,7 @@ from ...f4x_core.query.selection import Selection
 from ..common.axes import Eye
 from ..common.point_cloud import read_attribute, write_attribute
 from ..scene.scene_object import BEFORE, SCORE, SELECTED, SceneObject
-from . import display
+from . import display, listing
 
 MODES = (
     ("SET", "Set", "Replace the selection by the result", "SELECT_SET", 0),
@@ -71,7 +71,7 @@ def apply_threshold(scene_object: SceneObject) -> None:
         chosen = _combined(before, scores >= np.float32(state.threshold), state.combined)
         write_attribute(cloud.data, SELECTED, "BOOLEAN", chosen)
         cloud.data.update_tag()
-    display.count(scene_object)
+    listing.count(scene_object)
 
 
 def choose(scene_object: SceneObject, chosen: np.ndarray) -> None:
@@ -81,7 +81,7 @@ def choose(scene_object: SceneObject, chosen: np.ndarray) -> None:
     if state.show_score:
         state.show_score = False  # draws the colors
     scene_object.write(**{SELECTED: ("BOOLEAN", chosen)})
-    display.count(scene_object)
+    listing.count(scene_object)
 
 
 def combine(scene_object: SceneObject, chosen: np.ndarray, mode: str | None = None) -> None:

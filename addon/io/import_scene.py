@@ -45,7 +45,7 @@ from ..common.axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from ..common.gaussian_attributes import FITTED_FOCAL, RECOLORED, draws_splats, write_appearance, write_places
 from ..common.geometry_nodes import MOTION, PRESENCE, build_motion_tree, build_presence_tree
 from ..common.point_cloud import new_point_cloud, write_attribute
-from ..edits import display
+from ..edits import display, drawing, listing
 from ..rig.motion_edits import mark_keyed
 from ..rig.repair import add_identity, add_pairs
 from ..rig.scaffold import add_graph, add_nodes, hide_nodes
@@ -191,8 +191,8 @@ def _make_editable(root: bpy.types.Object, clouds: Sequence[bpy.types.Object], s
     if scene.edits:
         display.refresh(scene_object)
     else:
-        display.show_linear(scene_object)
-        display.update_panel(scene_object)
+        drawing.show_linear(scene_object)
+        listing.update_panel(scene_object)
 
 
 def _add_clouds(source: _Source, root: bpy.types.Object, collection: bpy.types.Collection) -> list[bpy.types.Object]:

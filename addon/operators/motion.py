@@ -19,8 +19,8 @@ from ..rig.scaffold import NODE, add_handles, all_nodes, hold, key_moved, nodes_
 from ..scene.clip_time import follows_timeline, keys_in_force, time_of
 from ..scene.scene_object import SceneObject
 from .base import SceneOperator
-from .editing import F4X_OT_save_as
 from .importing import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene, F4X_OT_set_up_render
+from .keeping import F4X_OT_save_as
 
 
 class _MotionOperator(SceneOperator, bpy.types.Operator):

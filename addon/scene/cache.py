@@ -14,6 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from threading import Event, Thread
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import bpy
 
@@ -25,7 +26,7 @@ from ...f4x_core.progress import Progress, silent
 from ...f4x_core.query.calibration import prepare
 from ...f4x_core.query.following import draw_views
 from ...f4x_core.query.inventory import words_there
-from ...f4x_core.scene import Scene, read_header, read_scene
+from ...f4x_core.scene import Scene, StaticSet, read_header, read_scene
 from ...f4x_core.scene.foreign import open_any
 from ...f4x_core.scene.linear import NAMES as LINEAR_ARRAYS
 from ...f4x_core.scene.linear import linear_scene
@@ -60,12 +61,29 @@ class SceneFile(NamedTuple):
     """True for a `.f4x` scene; splats of another program are a scene whose edits stay in the .blend."""
 
 
-LINEAR = "linear "
-"""Begins the key of what is kept for linear light."""
+class _Key(NamedTuple):
+    """Key of a scene that is kept."""
+
+    path: str
+    arrays: str
+    """Hash of all arrays of its file."""
+    edits: str
+    """JSON of its stack."""
+    linear: bool = False
+    """True with its appearance for linear light."""
+
+    @property
+    def unedited(self) -> _Key:
+        """The key of the same scene without edits."""
+        return self._replace(edits=NO_EDITS)
+
+
 _files: dict[str, SceneFile] = {}  # path -> what it held when it was looked at last
-_preparing: dict[int, Event] = {}  # id of a scene's static set -> set when its neighbourhoods are known
-_answers: dict[int, list[str]] = {}  # id of a scene's static set -> words that something in it answers to, most first
-_scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
+_preparing: WeakKeyDictionary[StaticSet, Event] = WeakKeyDictionary()
+"""Static set of a scene -> set when the neighbourhoods of the scene are known."""
+_answers: WeakKeyDictionary[StaticSet, list[str]] = WeakKeyDictionary()
+"""Static set of a scene -> words that something in the scene answers to, most first."""
+_scenes: OrderedDict[_Key, Display] = OrderedDict()
 
 
 def look_at(path: Path) -> SceneFile:
@@ -101,31 +119,29 @@ def _look_at_splats(path: Path, stamp: tuple[int, int]) -> SceneFile:
 
 def displayed(path: Path, text: str) -> Display:
     """Return the scene of a file with the stack that `text` describes in place of its own; F4xError where the file is gone."""
-    arrays = look_at(path).arrays
-    base = str(path), arrays, NO_EDITS
-    if base not in _scenes:
+    key = _Key(str(path), look_at(path).arrays, text)
+    if key.unedited not in _scenes:
         opened(path)
-    return _with_edits(base, (str(path), arrays, text), text)
+    return _with_edits(key)
 
 
 def displayed_linear(path: Path, text: str) -> Display:
     """Return the scene of `displayed` with its appearance for linear light (`f4x_core.scene.linear`)."""
-    arrays = look_at(path).arrays
-    base = str(path), arrays, LINEAR + NO_EDITS
-    if base not in _scenes:
-        _scenes[base] = Display(linear_scene(displayed(path, NO_EDITS).scene))
-    return _with_edits(base, (str(path), arrays, LINEAR + text), text)
+    key = _Key(str(path), look_at(path).arrays, text, linear=True)
+    if key.unedited not in _scenes:
+        _scenes[key.unedited] = Display(linear_scene(displayed(path, NO_EDITS).scene))
+    return _with_edits(key)
 
 
-def _with_edits(base: tuple[str, str, str], wanted: tuple[str, str, str], text: str) -> Display:
-    """Return the kept scene `base` with the stack that `text` describes, kept as `wanted`; what was used longest ago is dropped."""
-    if wanted not in _scenes:
-        _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, stack_from(text, base[0]))))
-    for key in (base, wanted):
-        _scenes.move_to_end(key)
+def _with_edits(key: _Key) -> Display:
+    """Return the scene of `key`, made of the unedited one, which is kept; what was used longest ago is dropped."""
+    if key not in _scenes:
+        _scenes[key] = Display(edited(with_stack(_scenes[key.unedited].scene, stack_from(key.edits, key.path))))
+    for used in (key.unedited, key):
+        _scenes.move_to_end(used)
     while len(_scenes) > KEPT:
         _scenes.popitem(last=False)
-    return _scenes[wanted]
+    return _scenes[key]
 
 
 def opened(path: Path) -> Scene:
@@ -133,7 +149,7 @@ def opened(path: Path) -> Scene:
 
     Raises F4xError for a missing, damaged or unsuitable file.
     """
-    key = str(path), look_at(path).arrays, NO_EDITS
+    key = _Key(str(path), look_at(path).arrays, NO_EDITS)
     scene = read_scene(path) if _is_scene(path) else open_any(path, sequence=False)
     assert isinstance(scene, Scene)
     fields = {name: value for name, value in scene.extra_fields.items() if name != UNDONE}
@@ -162,9 +178,9 @@ def prepare_soon(scene: Scene) -> None:
 
 def _prepare(scene: Scene) -> None:
     """Compute in a thread what the first query needs: superpoints, neighbourhoods (seconds), words, then views of the clip."""
-    if id(scene.static) in _preparing:
+    if scene.static in _preparing:
         return
-    ready = _preparing[id(scene.static)] = Event()
+    ready = _preparing[scene.static] = Event()
 
     def work() -> None:
         try:
@@ -172,7 +188,7 @@ def _prepare(scene: Scene) -> None:
         finally:
             ready.set()
         words, sure = words_there(scene)
-        _answers[id(scene.static)] = words if sure else []
+        _answers[scene.static] = words if sure else []
         draw_views(scene)  # a query meanwhile draws what is not there yet
 
     Thread(target=work, daemon=True).start()
@@ -180,7 +196,7 @@ def _prepare(scene: Scene) -> None:
 
 def answers_of(scene: Scene) -> list[str]:
     """Return words that something in the scene answers to, most first; none until its preparation has found them."""
-    return _answers.get(id(scene.static), [])
+    return _answers.get(scene.static, [])
 
 
 def wait_until_prepared(scene: Scene, progress: Progress = silent) -> None:
@@ -191,7 +207,7 @@ def wait_until_prepared(scene: Scene, progress: Progress = silent) -> None:
     if bpy.app.background:
         return  # the question itself prepares what it needs
     _prepare(scene)
-    while not _preparing[id(scene.static)].wait(LOOK):
+    while not _preparing[scene.static].wait(LOOK):
         progress("prepare", 0, 0, "Preparing the scene once")
 
 

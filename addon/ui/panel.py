@@ -11,11 +11,11 @@ from ..common.gaussian_attributes import draws_splats
 from ..common.lines import CATEGORY, draw_lines
 from ..common.render_settings import ENGINE
 from ..common.wording import Reporting
-from ..edits import display, marking
+from ..edits import listing, marking
 from ..edits.fields import draw_fields
 from ..io.render_setup import clip_camera
 from ..jobs import runner
-from ..operators import baking, cleanup, editing, point_edits
+from ..operators import baking, cleanup, planning, point_edits
 from ..operators.base import Section
 from ..operators.gestures import TOOLS
 from ..operators.searching import draw_search
@@ -184,7 +184,7 @@ class F4X_PT_ask(Section, bpy.types.Panel):  # noqa: N801
         row.active = state.live
         row.prop(state, "threshold", slider=True)
         row = layout.row()
-        selected, total = display.last_counts(scene_object)
+        selected, total = listing.last_counts(scene_object)
         row.label(text=f"{selected:,} of {total:,} selected", icon="RESTRICT_SELECT_OFF")
         row.prop(state, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
 
@@ -298,7 +298,7 @@ class F4X_PT_change(Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.drop_plan", text="", icon="X")
         if len(state.readings) == 1:
             again = layout.operator("f4x.plan", text="Other Readings", icon="VIEWZOOM")
-            again.readings = editing.READINGS
+            again.readings = planning.READINGS
 
 
 class F4X_PT_place(Section, bpy.types.Panel):  # noqa: N801

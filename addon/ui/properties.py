@@ -18,11 +18,11 @@ from ...f4x_core.errors import F4xError
 from ...f4x_core.query.knowledge import known_words
 from ...f4x_core.troubles import EXPECTED
 from ..common.wording import error_line
-from ..edits import display, fields, marking
-from ..operators.submitting import submit
+from ..edits import display, fields, listing, marking
 from ..rig.scaffold import layer_of
 from ..scene import clip_time, tints
 from ..scene.scene_object import PREVIEW, TIMED, SceneObject
+from .submitting import submit
 
 OFFERED = ("what moves", "what stands still", "everything", "nothing")
 """Words that the field offers besides labels of the scene."""
@@ -125,7 +125,7 @@ def _words_of_edit(self) -> str:
     """Return the edit of a row in words, along Blender's axes where the scene is placed now; empty for an edit that is gone."""
     scene_object = SceneObject(self.id_data)
     edits = [edit for edit in scene_object.stack.edits if edit.id == self.edit_id]
-    return display.words_of(edits[0].operation, scene_object.axes) if edits else ""
+    return listing.words_of(edits[0].operation, scene_object.axes) if edits else ""
 
 
 class F4X_PG_edit(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form

@@ -86,8 +86,8 @@ class FitOptions:
 
 
 @dataclass(frozen=True)
-class Cut:
-    """The cut of a clip into windows."""
+class WindowSize:
+    """Lengths of the windows of a clip."""
 
     length: int
     """Frames of a window; 0 for a clip that is fitted at once."""
@@ -106,8 +106,8 @@ class FitRequest:
     options: FitOptions = field(default_factory=FitOptions)
     """The settings that decide it."""
 
-    def cut(self) -> Cut:
-        """Return the windows asked for, those of the fit that is continued, or what is usual for such a clip."""
+    def window_size(self) -> WindowSize:
+        """Return the size asked for, that of the fit that is continued, or what is usual for such a clip."""
         options = self.options
         length = options.window
         if length is None and options.resume:
@@ -117,15 +117,15 @@ class FitRequest:
             if frames > LENGTHS[-1]:
                 first = options.clip.first_picture(self.source, options.clip.width_of(self.source))
                 length = usual_length(ClipSize(frames, first.width, first.height), options.config, options.memory)
-        return Cut(length, usual_overlap(length) if options.overlap is None else options.overlap)
+        return WindowSize(length, usual_overlap(length) if options.overlap is None else options.overlap)
 
-    def made_with(self, cut: Cut) -> dict[str, str]:
+    def made_with(self, windows: WindowSize) -> dict[str, str]:
         """Return the options that decide what a fit becomes, or the windows of a long clip: name on the command line -> text."""
         clip, config = self.options.clip, self.options.config
         span = parse_span(clip.frames)
         settings = [s for s in list_settings(config) if s.settable and s.name.rpartition(".")[2] != THREADS]
-        if cut.length:
-            of_its_kind = {WINDOW: str(cut.length), "--overlap": str(cut.overlap)}
+        if windows.length:
+            of_its_kind = {WINDOW: str(windows.length), "--overlap": str(windows.overlap)}
         else:
             priors = " ".join(f"{name}={path}" for name, path in config.priors.files.items())
             of_its_kind = {WINDOW: AT_ONCE, "CLIP": str(self.source), "--masks": str(clip.masks or "none")}

@@ -33,7 +33,7 @@ from ..windows.resuming import forget, remember, require_same, require_same_at_o
 from ..windows.shots import LongFit, fit_long
 from .checks import require_backend
 from .distilling import Distilled, DistilRequest, distill
-from .fit_options import Cut, FitOptions, FitRequest
+from .fit_options import FitOptions, FitRequest, WindowSize
 from .granting import granted
 from .refitting import Refitted, refit_file
 
@@ -137,13 +137,13 @@ def fit_at_once(
 
 
 @dataclass(frozen=True)
-class Shots:
-    """A long clip as it was surveyed, and the windows into which it is cut."""
+class LongClip:
+    """A clip that is fitted in windows, as it was surveyed."""
 
     survey: Survey
     """Length, cuts and times of the clip."""
     shots: tuple[Shot, ...]
-    """In order; those that are too short for any fit are left out."""
+    """With their windows, in order; those that are too short for any fit are left out."""
 
     def size(self, picture: Clip) -> ClipSize:
         """Return the size of the clip that is fitted, of pictures like `picture`."""
@@ -151,37 +151,37 @@ class Shots:
         return ClipSize(max(windows), picture.width, picture.height, len(windows))
 
 
-def shots_of(request: FitRequest, cut: Cut, progress: Progress = silent) -> Shots | None:
-    """Survey a clip that is fitted in windows and return its shots; None for one that is fitted at once."""
-    if cut.length == 0:
+def survey_long(request: FitRequest, size: WindowSize, progress: Progress = silent) -> LongClip | None:
+    """Survey a clip that is fitted in windows, and find its shots; return None for one that is fitted at once."""
+    if size.length == 0:
         return None
-    plan_windows(0, cut.length, cut.length, cut.overlap)  # a wrong pair is refused before the clip is read
+    plan_windows(0, size.length, size.length, size.overlap)  # a wrong pair is refused before the clip is read
     clip = request.options.clip
     if request.options.config.priors.files:
         raise F4xError("--prior cannot be cut into windows; fit with --window 0, or leave it out.")
     known = survey(request.source, clip.frames, clip.width_of(request.source), progress)
-    shots = plan_shots(known.count, known.cuts, cut.length, cut.overlap)
+    shots = plan_shots(known.count, known.cuts, size.length, size.overlap)
     if not shots:
         raise F4xError(
             f"{request.source}: no shot of this clip has {MIN_FRAMES} frames; give --window 0 to fit it as one."
         )
-    return Shots(known, shots)
+    return LongClip(known, shots)
 
 
-def fit_shots(request: FitRequest, cut: Shots, config: FitConfig, progress: Progress = silent) -> Fitted:
+def fit_shots(request: FitRequest, long_clip: LongClip, config: FitConfig, progress: Progress = silent) -> Fitted:
     """Fit the shots of a long clip window by window."""
-    known, folder, clip = cut.survey, request.folder, request.options.clip
+    known, folder, clip = long_clip.survey, request.folder, request.options.clip
     width, step = clip.width_of(request.source), clip.hold_out
-    clocks = {shot: known.clock(shot.start, shot.end) for shot in cut.shots}
+    clocks = {shot: known.clock(shot.start, shot.end) for shot in long_clip.shots}
 
     def read(start: int, end: int) -> Clip:
-        shot = next(shot for shot in cut.shots if shot.start <= start < shot.end)
+        shot = next(shot for shot in long_clip.shots if shot.start <= start < shot.end)
         times, fps = clocks[shot].times[start - shot.start : end - shot.start], clocks[shot].fps
         part = read_clip(request.source, known.part(start, end), width, None, clip.masks, progress)
         held_out = np.arange(start, end) % step == step - 1 if step else part.held_out
         return replace(part, held_out=held_out, times=times - times[0], fps=fps, remarks=known.remarks)
 
-    scenes = tuple(fit_long(cut.shots, LongFit(read, config, request.options.resume), folder, progress))
+    scenes = tuple(fit_long(long_clip.shots, LongFit(read, config, request.options.resume), folder, progress))
     path, longest = folder / "scene.f4x", max(scenes, key=len)
     middle = longest.frames[0] + len(longest) // 2
     write_input(read(middle, middle + 1), folder)
@@ -224,12 +224,13 @@ class _Fit:
     def run(self) -> Fitted:
         """Fit the clip at once or in windows, then add features and linear light to what was fitted."""
         request = self.request
-        cut = request.cut()
-        made_with = request.made_with(cut)
+        windows = request.window_size()
+        made_with = request.made_with(windows)
         if request.options.resume:
             require_same(request.folder, made_with)
-        shots = shots_of(request, cut, self.progress)
-        fitted = self._extended(self._at_once(made_with) if shots is None else self._in_windows(shots, made_with))
+        long_clip = survey_long(request, windows, self.progress)
+        fitted = self._at_once(made_with) if long_clip is None else self._in_windows(long_clip, made_with)
+        fitted = self._extended(fitted)
         copy_longest(fitted)
         return fitted
 
@@ -249,12 +250,12 @@ class _Fit:
             if not resume and (request.folder / CHECKPOINT).is_file():
                 remember(request.folder, made_with)
 
-    def _in_windows(self, shots: Shots, made_with: dict[str, str]) -> Fitted:
+    def _in_windows(self, long_clip: LongClip, made_with: dict[str, str]) -> Fitted:
         request, clip = self.request, self.request.options.clip
         remember(request.folder, made_with)
         first = clip.first_picture(request.source, clip.width_of(request.source))
-        config = granted(request, shots.size(first), self.progress)
-        return fit_shots(request, shots, config, self.progress)
+        config = granted(request, long_clip.size(first), self.progress)
+        return fit_shots(request, long_clip, config, self.progress)
 
     def _extended(self, fitted: Fitted) -> Fitted:
         """Add to every scene what the options ask for besides."""

@@ -1,6 +1,10 @@
 """The pictures of a scene that are drawn."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+MASK = "mask:"
+"""Prefix of the channel `mask:LABEL`: the fraction of each pixel's blend weight that comes from the Gaussians of a label."""
 
 
 @dataclass(frozen=True)
@@ -10,7 +14,7 @@ class RenderOptions:
     path: str = "original"
     """`original`, `orbit`, `stabilise`, `slow:FACTOR`, `bullet:T`, `frozen:T` or a camera path file."""
     channels: tuple[str, ...] = ("rgb",)
-    """`rgb`, `depth`, `alpha`, `motion`, `unseen`, `latent`, a head, `mask:LABEL`; with `exr` also `shots.PASSES`."""
+    """`rgb`, `depth`, `alpha`, `motion`, `unseen`, `latent`, a head, `mask:LABEL`; with `exr` also `exposing.PASSES`."""
     degrees: float = 5.0
     """Size of the orbit and of the swing of bullet time, above 0 and below 90."""
     width: int | None = None
@@ -33,3 +37,8 @@ class RenderOptions:
     """Pictures that make a blurred one."""
     backend: str = "auto"
     """The raster backend, see `raster.rasterize`."""
+
+
+def mask_labels(channels: Iterable[str]) -> dict[str, str]:
+    """Return the channels `mask:LABEL` with their labels."""
+    return {name: name.removeprefix(MASK) for name in channels if name.startswith(MASK)}

@@ -82,7 +82,7 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "width": made.size[0],
         "height": made.size[1],
         "camera_kind": priors.camera_kind,
-        "min_moving_fraction": moving,
+        "moving_fraction": moving,
         "warnings": priors.warnings,
         "text": "\n".join(lines),
     }

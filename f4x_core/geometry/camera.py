@@ -20,6 +20,8 @@ from .interpolation import interpolate, interpolate_rotation
 FORMAT = "f4x-cameras"
 _ARRAYS = ("intrinsics", "world_to_camera", "times")
 _MIN_DEPTH = 1e-8  # world units; nearer to the camera plane the projection is held finite, on its own side
+# Points in one matrix product: BLAS shares larger ones among threads, which wait for one another on a busy machine.
+_BLOCK = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,9 @@ class Camera:
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Return (pixels `(..., 2)`, depth `(...)`) of world `points (..., 3)`; depth <= 0 is behind the camera."""
+        if len(parts := _blocks(points)) > 1:
+            pixels, depths = zip(*map(self.project, parts), strict=True)
+            return np.concatenate(pixels), np.concatenate(depths)
         xp = namespace(points)
         rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
         local = points @ like(rotation.T, points) + like(translation, points)
@@ -71,6 +76,8 @@ class Camera:
 
     def unproject(self, pixels: Array, depth: Array) -> Array:
         """Return world points `(..., 3)` of `pixels (..., 2)` at z `depth (...)`; the inverse of `project`."""
+        if len(parts := _blocks(pixels)) > 1:
+            return np.concatenate([self.unproject(*part) for part in zip(parts, _blocks(depth), strict=True)])
         xp = namespace(pixels, depth)
         inverse = np.linalg.inv(self.intrinsics)
         plane = pixels @ like(inverse[:2, :2].T, pixels) + like(inverse[:2, 2], pixels)
@@ -229,6 +236,15 @@ class CameraPath:
                 f"{file} cannot be read as JSON ({error}); give a camera path written by Feature4X"
             ) from error
         return cls.from_json(data, file)
+
+
+def _blocks(rows: Array) -> list[Array]:
+    """Return a long numpy array in parts along its first axis, of at most `_BLOCK` rows and alike in length; all else whole.
+
+    Parts alike in length, as the product of a single row is rounded differently.
+    """
+    count = 1 if namespace(rows) is not np or rows.ndim == 0 else -(-len(rows) // _BLOCK)
+    return np.array_split(rows, count) if count > 1 else [rows]
 
 
 def _resized_intrinsics(intrinsics: np.ndarray, scale_x: float, scale_y: float) -> np.ndarray:

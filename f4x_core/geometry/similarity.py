@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,8 +24,8 @@ class Similarity:
     rotation: np.ndarray
     """(4,) unit wxyz of R."""
     scale: float
-    pivot: np.ndarray
-    """(3,) the mean of the points before."""
+    pivot: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,)"""
 
     @property
     def rotation_degrees(self) -> np.ndarray:

@@ -14,7 +14,7 @@ from .notation import Notation
 
 @dataclass
 class Clip:
-    """What moments are counted in."""
+    """Times of a clip, in which moments of a sentence are counted."""
 
     fps: float
     """Clip frames per second."""

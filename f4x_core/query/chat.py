@@ -42,7 +42,7 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
 
 @dataclass(frozen=True)
 class ChatServer:
-    """Where to ask."""
+    """Server of a chat model: its address, model and key."""
 
     url: str
     """Base URL, for example http://127.0.0.1:8080/v1."""

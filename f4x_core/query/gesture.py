@@ -32,7 +32,7 @@ COLUMNS = 640
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """How a scene is looked at while a gesture is made."""
+    """View of a scene in which a gesture is made."""
 
     camera: Camera
     """In the world."""

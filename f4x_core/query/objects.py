@@ -393,7 +393,7 @@ def _held(scene: Scene, index: np.ndarray, thing: np.ndarray, graph: GraphConfig
 
 
 class _Tracks(NamedTuple):
-    """Where n Gaussians or superpoints are at T times over the clip."""
+    """Places of n Gaussians or superpoints at T times over the clip."""
 
     places: np.ndarray
     """(n,T,3); 1 = the standard deviation of all of them."""
@@ -492,7 +492,7 @@ def _bonds(far: np.ndarray, appearance: np.ndarray, neighbours: int) -> tuple[np
 
 
 class _Changes(NamedTuple):
-    """How much the distances of E pairs of neighbours change."""
+    """Changes of the distances of E pairs of neighbours."""
 
     pairs: np.ndarray
     """(2,E) int64."""

@@ -28,7 +28,7 @@ UNCERTAIN = 1e-4
 
 @dataclass(frozen=True)
 class PropagationConfig:
-    """How masks travel from frame to frame in feature space."""
+    """Settings of masks that travel from frame to frame in feature space."""
 
     memory: int = 2
     """Frames before the present one that are asked, besides the prompted ones."""

@@ -36,7 +36,7 @@ class Rectangle:
 
 @dataclass(frozen=True)
 class Polygon:
-    """What a closed line encloses; where it crosses itself, what an odd number of its turns do."""
+    """Area that a closed line encloses; where it crosses itself, the area with an odd number of turns around it."""
 
     outline: Sequence[tuple[float, float]]
     """x, y in pixels of at least three corners."""
@@ -62,7 +62,7 @@ class Polygon:
 
 @dataclass(frozen=True)
 class Stroke:
-    """What a round brush has passed over."""
+    """Area that a round brush has passed over."""
 
     path: Sequence[tuple[float, float]]
     """x, y in pixels of its centre; one point is a click."""

@@ -32,7 +32,7 @@ TOLERANCE, STEPS = 1e-9, 2000
 
 @dataclass(frozen=True)
 class _Size:
-    """How large the thing is that marks mean, as a fraction of the picture."""
+    """Size of the object that marks mean, as a fraction of the picture."""
 
     usual: float
     """The likeliest size."""

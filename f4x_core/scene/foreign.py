@@ -137,7 +137,7 @@ def scene_of(
         return Scene(
             name=name,
             static=StaticSet(ids=np.arange(len(splats)), **splats.arrays()),
-            cameras=CameraPath(*_framing(splats), WIDTH, HEIGHT),
+            cameras=_framing(splats),
             provenance={"import": imported},
         )
     except F4xError as error:
@@ -156,8 +156,8 @@ def _read_ply_scene(path: Path, name: str, offset: np.ndarray | None = None) -> 
     return scene_of(splats, name, path, activation.notes, offset)
 
 
-def _framing(splats: Splats) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return intrinsics (1,3,3), world_to_camera (1,4,4) and times (1,) of a camera that looks along z at all visible splats."""
+def _framing(splats: Splats) -> CameraPath:
+    """Return the path of one camera, which looks along z at all visible splats."""
     if not np.isfinite(splats.means).all():
         raise F4xError("some positions are infinite, or beyond what float32 holds; clean it in a splat editor")
     seen = splats.opacities >= SEEN
@@ -168,4 +168,5 @@ def _framing(splats: Splats) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     focal = HEIGHT / 2 / np.tan(half)
     matrix = np.eye(4)
     matrix[:3, 3] = -(low + high) / 2 + [0, 0, radius / np.sin(half)]
-    return np.array([[[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]]]), matrix[None], np.zeros(1)
+    intrinsics = np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]])
+    return CameraPath(intrinsics[None], matrix[None], np.zeros(1), WIDTH, HEIGHT)

@@ -24,8 +24,6 @@ NAMES = ("linear_scale", "linear_opacity", "linear_dc")
 PARTS = ("static", "dynamic")
 SAMPLED = 12
 """Number of moments of the clip at which distances to the camera are measured."""
-TOGETHER = 1 << 14
-"""Gaussians projected at once: numpy shares larger products among threads, which wait for one another on a busy machine."""
 NEAR = 0.01
 """Smallest distance, world units."""
 SOLID = 1 - 1e-6
@@ -101,12 +99,10 @@ def footprint(scene: Posable) -> np.ndarray:
     anywhere = np.zeros(seen.shape, np.float32)
     for row, time in enumerate(times):
         camera, means = base.cameras.at(float(time)), base.untinted(float(time)).means.astype(np.float64)
-        for start in range(0, len(means), TOGETHER):
-            part = slice(start, start + TOGETHER)
-            pixels, z = camera.project(means[part])
-            inside = (z > NEAR) & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(1)
-            anywhere[row, part] = np.maximum(np.abs(z), NEAR) / camera.focal
-            seen[row, part] = np.where(inside, anywhere[row, part], np.nan)
+        pixels, z = camera.project(means)
+        inside = (z > NEAR) & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(1)
+        anywhere[row] = np.maximum(np.abs(z), NEAR) / camera.focal
+        seen[row] = np.where(inside, anywhere[row], np.nan)
     never = np.isnan(seen).all(0)
     seen[:, never] = anywhere[:, never]
     width: np.ndarray = np.sqrt(RasterConfig.blur) * np.nanmedian(seen, axis=0)

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import CameraPath
+from ..geometry.similarity import Similarity
 from ..scaffold import Scaffold
 from .model import PosedSplats
 
@@ -46,8 +47,8 @@ class Posable(Protocol):
         """Return all Gaussians at a clip time."""
 
 
-def similarity_of(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return `(s, q (4,), t (3,))` of a 4x4 similarity `x -> s R x + t`.
+def similarity_of(matrix: np.ndarray) -> Similarity:
+    """Return the similarity `x -> s R x + t` of a 4x4 matrix.
 
     Raises F4xError for uneven scale, shear, a mirror or a projection: Gaussians and their harmonics cannot follow those.
     """
@@ -56,7 +57,7 @@ def similarity_of(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         linear = matrix[:3, :3]
         scale = np.cbrt(np.linalg.det(linear))
         if scale > 0 and np.abs(linear.T @ linear / scale**2 - np.eye(3)).max() < SIMILARITY_TOLERANCE:
-            return float(scale), quaternion.from_matrix(linear / scale), matrix[:3, 3]
+            return Similarity(matrix[:3, 3], quaternion.from_matrix(linear / scale), float(scale))
     raise F4xError(
         "transform: this 4x4 matrix is not a move, a turn and one even scale (it shears, mirrors or scales unevenly);"
         " give one that is, or none"
@@ -70,13 +71,12 @@ def transformed(posed: PosedSplats, matrix: np.ndarray | None) -> PosedSplats:
     """
     if matrix is None:
         return posed
-    scale, q, t = similarity_of(matrix)
-    means = scale * quaternion.rotate(q, posed.means.astype(np.float64)) + t
+    move = similarity_of(matrix)
     return replace(
         posed,
-        means=means.astype(np.float32),
-        quats=quaternion.multiply(q, posed.quats.astype(np.float64)).astype(np.float32),
-        scales=(scale * posed.scales).astype(np.float32),
+        means=move(posed.means.astype(np.float64)).astype(np.float32),
+        quats=quaternion.multiply(move.rotation, posed.quats.astype(np.float64)).astype(np.float32),
+        scales=(move.scale * posed.scales).astype(np.float32),
     )
 
 

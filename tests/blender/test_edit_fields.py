@@ -29,7 +29,7 @@ SOME = Ids.of(np.arange(100))
 
 HEAD = """
 from math import pi
-from feature4x.addon.edits import display, fields
+from feature4x.addon.edits import display, fields, listing
 from feature4x.addon.io.import_scene import import_scene
 from feature4x.f4x_core.edit.operations import read_operation
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -146,7 +146,7 @@ def note(label):
     noted[label] = [len(edits), *([one.translate, one.rotate, one.scale] if one else [])]
 
 shot.write(**{".selection": ("BOOLEAN", np.arange(len(shot.shown.scene.ids)) < 100)})
-display.count(shot)
+listing.count(shot)
 before = np.median(shot.shown.scene.posed(0.0).means[:100], 0)
 bpy.ops.f4x.edit_gizmo()
 handle = bpy.context.object

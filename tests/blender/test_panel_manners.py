@@ -121,7 +121,7 @@ arrays["opened"] = picture()
 
 def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):
     script = """
-from feature4x.addon.operators.editing import F4X_OT_plan
+from feature4x.addon.operators.planning import F4X_OT_plan
 from feature4x.addon.operators.searching import SearchOperator
 reports = []
 

@@ -65,11 +65,11 @@ noted["edit"] = ops.plan(sentence="make it red") == {"FINISHED"} and state.readi
 
 def test_a_previewed_removal_counts_as_it_was(folder):
     script = """
-from feature4x.addon.edits import display
+from feature4x.addon.edits import listing
 ops.query_text(text="square")
 for name, act in (("planned", lambda: ops.plan(sentence="remove it")), ("applied", ops.apply_plan)):
     act()
-    noted[name] = [*display.counts(scene_object()), state.selected, state.total]
+    noted[name] = [*listing.counts(scene_object()), state.selected, state.total]
 """
     noted, _ = perform(folder, START + script)
     assert noted == {"planned": 2 * [SQUARE, WALL + SQUARE], "applied": 2 * [0, WALL]}

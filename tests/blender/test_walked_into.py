@@ -141,7 +141,7 @@ def test_undo_shows_a_dragged_edit_over_time_in_the_list(folder):
     """In a window a drag is shown after its step of undo; undo draws what changes over time, and the list waits for a timer."""
     script = """
 from dataclasses import replace
-from feature4x.addon.edits import display, fields
+from feature4x.addon.edits import fields, listing
 from feature4x.addon.scene import cache
 from feature4x.addon.scene.scene_object import EDITS
 ops.query_text("EXEC_DEFAULT", True, text="square")
@@ -155,7 +155,7 @@ ops.query_text("EXEC_DEFAULT", True, text="wall")
 bpy.ops.ed.undo(); bpy.context.view_layer.update()
 fields.show_late()
 noted["shown"] = [row.name for row in scene_object().state.history]
-noted["held"] = [display.words_of(edit.operation, scene_object().axes) for edit in scene_object().stack.edits]
+noted["held"] = [listing.words_of(edit.operation, scene_object().axes) for edit in scene_object().stack.edits]
 """
     noted, _ = perform(folder, START + script)
     assert noted["shown"] == noted["held"] and "0.5" in noted["held"][0]
@@ -396,11 +396,11 @@ noted["said"] = refused(ops.grab_nodes, offset=(0.1, 0, 0))
 
 def test_the_sidebar_counts_what_is_there(folder):
     script = """
-from feature4x.addon.edits import display
+from feature4x.addon.edits import listing
 ops.change_selection(how="ALL")
-before = display.counts(scene_object())
+before = listing.counts(scene_object())
 bpy.data.objects.remove(bpy.data.objects["labelled dynamic"])
-noted["counts"] = [*before, *display.counts(scene_object())]
+noted["counts"] = [*before, *listing.counts(scene_object())]
 """
     noted, _ = perform(folder, START + script)
     assert noted["counts"] == [1201, 1201, 1120, 1120]
@@ -408,18 +408,18 @@ noted["counts"] = [*before, *display.counts(scene_object())]
 
 def test_the_sidebar_counts_anew_after_every_change_and_only_then(folder):
     script = """
-from feature4x.addon.edits import display
-calls, count = [], display.counts
-display.counts = lambda found: calls.append(1) or count(found)
+from feature4x.addon.edits import listing
+calls, count = [], listing.counts
+listing.counts = lambda found: calls.append(1) or count(found)
 
 def seen(name):
     bpy.context.view_layer.update()  # as before each redraw
     calls.clear()
-    noted[name] = [*display.last_counts(scene_object()), *display.last_counts(scene_object()), len(calls)]
+    noted[name] = [*listing.last_counts(scene_object()), *listing.last_counts(scene_object()), len(calls)]
 
 seen("imported")
 ops.change_selection("EXEC_DEFAULT", True, how="ALL"); seen("all")
-noted["asked again"] = [*display.last_counts(scene_object()), len(calls)]
+noted["asked again"] = [*listing.last_counts(scene_object()), len(calls)]
 ops.query_text("EXEC_DEFAULT", True, text="square"); seen("square")
 ops.remove("EXEC_DEFAULT", True); seen("removed")
 bpy.ops.ed.undo(); seen("undone")

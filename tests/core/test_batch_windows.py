@@ -19,7 +19,7 @@ from scipy.ndimage import binary_dilation, uniform_filter1d
 from toy import clip_and_priors
 
 from f4x_core.app.fit_options import FitOptions, FitRequest
-from f4x_core.app.fitting import Shots, copy_longest, fit_shots, shots_of
+from f4x_core.app.fitting import LongClip, copy_longest, fit_shots, survey_long
 from f4x_core.cli.fitting import result_in_windows
 from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.stream import ClipStream, Survey, survey
@@ -102,7 +102,7 @@ def test_only_long_clips_are_cut_into_windows(tmp_path):
 
     def windows(**options):
         request = FitRequest(tmp_path, tmp_path / "out", FitOptions(**options))
-        return shots_of(request, request.cut())
+        return survey_long(request, request.window_size())
 
     assert windows() is None
     assert windows(window=0, overlap=90) is None
@@ -332,8 +332,8 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
     write_images(tmp_path / "clip" / "images", np.zeros((27, 16, 24, 3), np.uint8))
     request = FitRequest(tmp_path / "clip", tmp_path)
     known = Survey(10, 2, 9, (3,))
-    cut = Shots(known, plan_shots(9, (3,), 60))
-    fitted = fit_shots(request, cut, shot.config, lambda *answer: print(*answer))
+    long_clip = LongClip(known, plan_shots(9, (3,), 60))
+    fitted = fit_shots(request, long_clip, shot.config, lambda *answer: print(*answer))
     copy_longest(fitted)
     result = result_in_windows(fitted)
     assert capsys.readouterr().out.splitlines()[1] == "photometric 0 1 shot 2 of 2, window 1 of 2"

@@ -1,8 +1,6 @@
 """Settings by name: all are documented, read back as they are shown, and refused in one sentence when they are wrong."""
 
 import json
-import subprocess
-import sys
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -230,8 +228,3 @@ def test_a_fit_gets_what_was_set_after_all_other_options(tmp_path, monkeypatch, 
 def test_a_fit_needs_a_clip_and_a_place(arguments, missing, capsys):
     assert main(["fit", *arguments]) == 2
     assert f"the following arguments are required: {missing}; `f4x fit --help`" in capsys.readouterr().err
-
-
-def test_the_machinery_needs_no_torch():
-    code = "import sys; sys.modules['torch'] = None; import f4x_core.fit.settings"
-    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from f4x_core.errors import F4xError
+from f4x_core.geometry import camera as camera_room
 from f4x_core.geometry import pose, quaternion, trajectory
 from f4x_core.geometry.camera import Camera, CameraPath
 from f4x_core.geometry.interpolation import interpolate, interpolate_rotation
@@ -57,6 +58,18 @@ def test_project_inverts_unproject(camera, random):
     tensors, _ = camera.project(torch.tensor(points))
     np.testing.assert_allclose(tensors.numpy(), again, atol=1e-11)
     np.testing.assert_allclose(camera.unproject(torch.tensor(pixels), torch.tensor(depth)).numpy(), points, atol=1e-11)
+
+
+def test_many_points_are_projected_as_each_of_them(camera, random):
+    points = random.normal(size=(2 * camera_room._BLOCK + 1, 3))  # in three parts
+    pixels, depth = camera.project(points)
+    back = camera.unproject(pixels, depth)
+    for rows in (slice(0, 9), slice(-9, None)):
+        few = camera.project(points[rows])
+        np.testing.assert_array_equal(pixels[rows], few[0])
+        np.testing.assert_array_equal(depth[rows], few[1])
+        np.testing.assert_array_equal(back[rows], camera.unproject(*few))
+    assert len(pixels) == len(depth) == len(back) == len(points)
 
 
 def test_projection_is_the_pinhole_formula(camera):

@@ -20,7 +20,7 @@ from f4x_core.geometry.camera import Camera
 from f4x_core.geometry.splats import Splats
 from f4x_core.raster import RasterConfig, rasterize
 from f4x_core.raster.rays import CYCLES_FILTER, RayConfig, filter_weights, filtered_rays, project, rasterize_rays
-from f4x_core.scene import linear, read_scene, write_scene
+from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.foreign import open_any
 from f4x_core.scene.formats import export
 from f4x_core.scene.linear import (
@@ -159,13 +159,6 @@ def test_footprint_is_what_the_rasterizer_adds():
     plain = rasterize(wide, colors, camera, config=RasterConfig(blur=0.0)).channels
     assert -10 * np.log10(((fitted - plain) ** 2).mean()) > 45
     np.testing.assert_allclose(narrowed(widened(posed.scales, width), width), posed.scales, rtol=2e-3)
-
-
-def test_footprints_of_parts_are_those_of_all(monkeypatch):
-    scene = labelled_scene()
-    whole = footprint(scene)
-    monkeypatch.setattr(linear, "TOGETHER", len(whole) // 3)  # the last part is a small one
-    assert np.array_equal(footprint(scene), whole)
 
 
 def refitted(scene, seed=0):

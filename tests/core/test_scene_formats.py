@@ -48,11 +48,11 @@ SIMILARITY[:3, 3] = 0.3, -0.2, 0.5
 
 def seen_from(camera, matrix):
     """The camera that sees a world moved by the similarity `matrix` as it was seen before."""
-    scale, q, t = similarity_of(matrix)
+    move = similarity_of(matrix)
     moved = np.eye(4)
-    moved[:3, :3], moved[:3, 3] = quaternion.to_matrix(q), t
+    moved[:3, :3], moved[:3, 3] = quaternion.to_matrix(move.rotation), move.translation
     local = camera.world_to_camera.copy()
-    local[:3, 3] *= scale
+    local[:3, 3] *= move.scale
     return Camera(camera.intrinsics, local @ np.linalg.inv(moved), camera.width, camera.height)
 
 
@@ -216,7 +216,7 @@ def test_gltf_looks_the_same(tmp_path, name, degree):
     scene = random_scene(degree=degree)
     export(scene, tmp_path / name, [TIME], "gltf", SIMILARITY)
     gaussians, document = read_khr(tmp_path / name)
-    read = without_footprint(scene, TIME, gaussians, similarity_of(SIMILARITY)[0])
+    read = without_footprint(scene, TIME, gaussians, similarity_of(SIMILARITY).scale)
     same_picture(scene, TIME, Y_UP @ SIMILARITY, *read)
     np.testing.assert_allclose(np.linalg.norm(gaussians[1], axis=1), 1, atol=1e-6)
     primitive = document["meshes"][0]["primitives"][0]
@@ -399,7 +399,7 @@ def test_usd_looks_the_same_at_every_time(tmp_path, usd, degree):
     stage = usd.Stage.Open(str(tmp_path / "a.usda"))
     for time in times:
         # rounded numbers: on average a sixteenth of a step of 8 bits
-        read = without_footprint(scene, time, usd_gaussians(stage, time), similarity_of(SIMILARITY)[0])
+        read = without_footprint(scene, time, usd_gaussians(stage, time), similarity_of(SIMILARITY).scale)
         same_picture(scene, time, Y_UP @ SIMILARITY, *read, error=2.5e-3)
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetFramesPerSecond()) == (0, TIME, 24)
     static, dynamic = stage.GetDefaultPrim().GetChildren()

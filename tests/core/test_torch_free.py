@@ -22,6 +22,15 @@ ROOMS = (
     "app",
     "api",
 )
+PARTS = (
+    *(f"features.{name}" for name in ("maps", "spec", "teachers", "weights")),
+    *(
+        f"scaffold.{name}"
+        for name in ("control", "deformation", "distance", "graph", "radius", "selection", "skinning")
+    ),
+    "fit.settings",
+)
+"""Modules of other rooms that do with numpy."""
 FITS = ("distilling", "fit_options", "fitting", "granting", "refitting")
 """Modules of `app` that fit, for which torch is needed."""
 BLOCKED = ("torch", "cv2", "av", "scipy", "PIL", "pycolmap", "bpy")
@@ -45,6 +54,12 @@ def run(program, *arguments):
 @pytest.mark.parametrize("room", ROOMS)
 def test_room_imports_with_numpy_alone(room):
     result = run(PROGRAM, room)
+    assert result.returncode == 0, result.stderr
+
+
+def test_parts_of_other_rooms_import_with_numpy_alone():
+    program = f"import sys\nfor name in {BLOCKED!r}:\n    sys.modules[name] = None\n"
+    result = run(program + "\n".join(f"import f4x_core.{part}" for part in PARTS))
     assert result.returncode == 0, result.stderr
 
 

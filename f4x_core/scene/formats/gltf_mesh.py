@@ -125,6 +125,6 @@ def _add_skin(document: dict[str, Any], buffer: GltfBuffer, scene: Scene, mesh: 
 def _poses(scaffold: Scaffold, time: float, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the places (J,3) and unit rotations (J,4) wxyz float64 of the `used` nodes, y up."""
     xyz, quat = node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, time)
-    _, turn, _ = similarity_of(Y_UP)
+    turn = similarity_of(Y_UP).rotation
     xyz, quat = xyz[used].astype(np.float64), quat[used].astype(np.float64)
     return xyz @ Y_UP[:3, :3].T, quaternion.normalize(quaternion.multiply(turn, quat))

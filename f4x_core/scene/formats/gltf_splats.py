@@ -20,6 +20,7 @@ import numpy as np
 
 from ...errors import F4xError
 from ...geometry import quaternion, spherical_harmonics
+from ...geometry.similarity import Similarity
 from ...geometry.splats import Splats
 from ...reading import DAMAGE, FREE_BYTES, MAX_INFLATION, OWN_LIMIT, parse_json, quoted, reason
 from ..linear import narrowed
@@ -69,7 +70,7 @@ def read_gltf(path: Path | str) -> Splats:
         _require_extensions(document)
         file.require_honest(primitive for primitive, _ in found)
         with np.errstate(over="ignore", invalid="ignore"):  # the scene refuses what is not finite
-            return _joined([(file.splats(primitive), *similarity_of(Y_UP @ matrix)) for primitive, matrix in found])
+            return _joined([(file.splats(primitive), similarity_of(Y_UP @ matrix)) for primitive, matrix in found])
     except F4xError as error:
         raise F4xError(f"{path}: {error}") from error
     except OSError as error:
@@ -265,19 +266,22 @@ def _local_matrix(node: dict[str, Any]) -> np.ndarray:
     return matrix
 
 
-def _joined(placed: list[tuple[Splats, float, np.ndarray, np.ndarray]]) -> Splats:
-    """Move Gaussians (splats, scale, turn (4,), shift (3,)) by their nodes and join them in one set.
+def _joined(placed: list[tuple[Splats, Similarity]]) -> Splats:
+    """Move Gaussians by their nodes and join them in one set.
 
     Their harmonics are in each Gaussian's own frame, which turns along.
     """
-    parts = [splats for splats, *_ in placed]
+    parts, moves = zip(*placed, strict=True)
     counts = [len(splats) for splats in parts]
     count = max(splats.sh.shape[1] for splats in parts)
     sh = np.concatenate([np.pad(each.sh, ((0, 0), (0, count - each.sh.shape[1]), (0, 0))) for each in parts])
     means, quats, scales, opacities = (
         np.concatenate([getattr(each, name) for each in parts]) for name in ("means", "quats", "scales", "opacities")
     )
-    scale, turn, shift = (np.repeat(np.array(column), counts, axis=0) for column in list(zip(*placed, strict=True))[1:])
+    scale, turn, shift = (
+        np.repeat(np.array([getattr(move, name) for move in moves]), counts, axis=0)
+        for name in ("scale", "rotation", "translation")
+    )
     return Splats(
         scale[:, None] * quaternion.rotate(turn, means.astype(np.float64)) + shift,
         quaternion.multiply(turn, quats.astype(np.float64)).astype(np.float32),

@@ -193,7 +193,7 @@ def _require_readable(version: int, count: int, degree: int, fraction: int, path
 
 def _in_ply_axes(splats: Splats) -> Splats:
     """Return the splats of the file's axes in those of PLY files, with harmonics in each Gaussian's own frame."""
-    _, turn, _ = similarity_of(Y_UP)
+    turn = similarity_of(Y_UP).rotation
     turned = quaternion.multiply(turn, splats.quats.astype(np.float64)).astype(np.float32)
     own = spherical_harmonics.rotate(splats.sh, quaternion.conjugate(splats.quats))
     return Splats(splats.means * np.array([1, -1, -1], np.float32), turned, splats.scales, splats.opacities, own)

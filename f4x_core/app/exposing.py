@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..clip.images import as_bytes
 from ..edit.naming import by_words
 from ..edit.resolve import named
 from ..errors import F4xError
@@ -22,9 +23,8 @@ from ..scene.cryptomatte import DEPTH, identify
 from ..scene.exposure import Exposure, Lens, Take, shoot
 from ..scene.layers import named_layers, write_exr
 from ..scene.stage import DrawSettings
-from .render_options import RenderOptions
+from .render_options import MASK, RenderOptions, mask_labels
 
-MASK = "mask:"
 CRYPTOMATTE = "cryptomatte"
 PASSES = ("rgb", "alpha", "depth", "vector", "normal", "position", "mist", "unseen")
 """Channels of an EXR besides `CRYPTOMATTE` and `mask:LABEL`."""
@@ -43,7 +43,7 @@ class Mattes:
     @classmethod
     def of(cls, scene: Scene, channels: Sequence[str]) -> Mattes | None:
         """Return the mattes that the channels ask for; a Gaussian of several selections belongs to the last one."""
-        labels = [name.removeprefix(MASK) for name in channels if name.startswith(MASK)]
+        labels = [*mask_labels(channels).values()]
         if CRYPTOMATTE not in channels and not labels:
             return None
         selections = named(scene) | by_words(scene, labels, encode=encode_labels)
@@ -79,46 +79,56 @@ def exposure_of(options: RenderOptions) -> Exposure:
     return Exposure(options.samples, -options.motion_blur / 2, options.motion_blur / 2, lens)
 
 
-def take(
-    scene: Scene, views: Trajectory, index: int, exposure: Exposure, wanted: tuple[Sequence[str], Mattes | None, str]
-) -> dict[str, np.ndarray]:
-    """Return `shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
-    names, mattes, backend = wanted
-    cameras = cameras_of(views)
+@dataclass(frozen=True, eq=False)
+class ExposedPath:
+    """A scene along a camera path, with shutter and lens."""
 
-    def take_at(offset: float) -> Take:
-        time = _time_at([view.time for view in views], index + offset)
-        cloud = Cloud.of_scene(scene, time)
-        if "unseen" in names:
-            cloud = replace(cloud, layers={"unseen": unseen_gaussians(scene)[:, None]})
-        if mattes is not None:
-            moves = {MOVES: scene.moving[:, None]}
-            cloud = replace(cloud, mattes={"object": mattes.ids}, layers={**cloud.layers, **moves})
-        return Take([cloud], [], cameras.at(index + offset))
+    scene: Scene
+    views: Trajectory
+    """All of the path, also views that are not drawn: a shutter opens before a frame."""
+    exposure: Exposure
+    passes: Sequence[str]
+    """Passes of `shoot`."""
+    mattes: Mattes | None
+    backend: str
+    """The raster backend."""
 
-    passes = [*names, *([OBJECTS] if mattes else [])]
-    settings = DrawSettings(backend=backend)
-    if mattes is None:
-        return shoot(take_at, exposure, settings, passes)
-    selections = [*map(identify, mattes.names[1:])]
-    return shoot(
-        take_at,
-        exposure,
-        settings,
-        passes,
-        refine=lambda images, take: refine_passes(images, take, settings, selections),
-    )
+    def images(self, index: int) -> dict[str, np.ndarray]:
+        """Return the passes of view `index`, by `shoot`."""
+        settings = DrawSettings(backend=self.backend)
+        passes = [*self.passes, *([OBJECTS] if self.mattes else [])]
+        selections = [*map(identify, self.mattes.names[1:])] if self.mattes else []
+
+        def refine(images: dict[str, np.ndarray], take: Take) -> dict[str, np.ndarray]:
+            return refine_passes(images, take, settings, selections)
+
+        return shoot(
+            lambda offset: self._take(index + offset),
+            self.exposure,
+            settings,
+            passes,
+            refine=refine if self.mattes else None,
+        )
+
+    def _take(self, row: float) -> Take:
+        """Return the scene and the camera at a view of the path, which may be between two."""
+        cloud = Cloud.of_scene(self.scene, _time_at([view.time for view in self.views], row))
+        layers = {"unseen": unseen_gaussians(self.scene)[:, None]} if "unseen" in self.passes else {}
+        if self.mattes is not None:
+            cloud = replace(cloud, mattes={"object": self.mattes.ids})
+            layers[MOVES] = self.scene.moving[:, None]
+        return Take([replace(cloud, layers=layers)], [], cameras_of(self.views).at(row))
 
 
 def write(file: Path, images: Mapping[str, np.ndarray], mattes: Mattes | None) -> None:
-    """Write the pictures of `take` as one multi-layer EXR."""
+    """Write the images of `ExposedPath.images` as one multi-layer EXR."""
     manifests = None if mattes is None else {"object": list(mattes.names)}
     write_exr(file, named_layers(images, DEPTH), manifests)
 
 
 def display(combined: np.ndarray) -> np.ndarray:
     """Return (H,W,3) uint8 sRGB of a picture in linear light."""
-    return (np.clip(srgb_from_linear(combined[..., :3]), 0, 1) * 255 + 0.5).astype(np.uint8)
+    return as_bytes(srgb_from_linear(combined[..., :3]))
 
 
 def _time_at(times: Sequence[float], row: float) -> float:
