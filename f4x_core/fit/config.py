@@ -253,8 +253,8 @@ class FitConfig:
     own_counts: tuple[str, ...] = ()
     """The largest numbers that were set by hand and that `counts_from` left as they were."""
     steps: int = 2700
-    """Steps of the joint photometric stage, for clips of up to `USUAL_FRAMES` frames (`for_frames`). With two thirds of them dog and
-    horsejump-high lose .2 dB of the given frames and nothing between them, camel .5 dB of both: what stands still gains."""
+    """Steps of the joint photometric stage, for clips of up to `USUAL_FRAMES` frames (`for_frames`). With two thirds of them dog
+    and horsejump-high lose .2 dB of the given frames and nothing between them, camel .5 dB of both: what stands still gains."""
     coarse: float = 0.1
     """Fraction of the steps done at half resolution."""
     closeups: int = 1

@@ -5,7 +5,7 @@ import pytest
 import scipy.ndimage
 
 from f4x_core.errors import F4xError
-from f4x_core.priors import FlowConfig, Priors, PriorsConfig, TracksConfig, flow, motion, tracks
+from f4x_core.priors import FlowConfig, MotionConfig, Priors, PriorsConfig, TracksConfig, flow, motion, tracks
 from f4x_core.progress import silent
 
 from .warped_clip import HEIGHT, SIDE, WIDTH, fast_ball_clip, square_corner, warped_clip
@@ -282,6 +282,12 @@ def test_very_short_clips_survive(frames):
     assert priors.mask.shape == (frames, HEIGHT, WIDTH)
 
 
+def test_threshold_of_the_user_wins(moving):
+    clip, _, _ = moving
+    config = PriorsConfig(tracks=CONFIG.tracks, motion=MotionConfig(threshold=0.99))
+    assert run(clip, config).statistics["motion"]["threshold"] == 0.99
+
+
 def dragged(plain):
     """A clip of a pan with its flows, whose flow below the square wrongly goes with it, and where that is `(T,H,W)`; the wall is
     `plain` down there, or has its texture."""
@@ -333,6 +339,28 @@ def test_evidence_is_the_mean_of_the_gaps_that_speak_most_for_motion():
         surest = sorted(gaps)[-3:]
         expected = np.sum(surest) / max(len(surest), 1)
         assert found[t, row, column] == pytest.approx(expected, abs=1e-5)
+
+
+def test_thinned_tracks_keep_the_longest_of_every_place_in_every_frame():
+    rng = np.random.default_rng(0)
+    frames, long, short = 24, 300, 200
+    places = np.concatenate([rng.uniform([0, 0], [60, 120], (long, 2)), rng.uniform([100, 40], [130, 70], (short, 2))])
+    points = np.tile(places, (frames, 1, 1)).astype(np.float32)
+    visible = np.zeros((frames, long + short), bool)
+    visible[:, :long] = True  # stands still on the left
+    for i in range(short):  # turns on the right: five frames each
+        first = rng.integers(0, frames - 4)
+        visible[first : first + 5, long + i] = True
+    kept, seen = tracks.thinned(points, visible, 120)
+    assert kept.shape[1] == 120
+    right = kept[0, :, 0] > 90
+    assert seen[:, right].sum(1).min() >= 3  # by length alone there would be none
+    assert right.sum() < 90
+    same, _ = tracks.thinned(points, visible, 1000)
+    np.testing.assert_array_equal(same, points)  # nothing goes where there is room
+    visible[:, 0] = False
+    visible[:3, 0] = True  # too few samples
+    assert tracks.thinned(points, visible, 1000)[0].shape[1] == long + short - 1
 
 
 def test_thinned_tracks_are_those_of_least_rank():

@@ -245,6 +245,21 @@ def test_empty_scene(backend):
     assert gradients["background"].sum() > 0
 
 
+def test_views_with_strides_are_read_as_what_they_show(backend):
+    scene = make_scene()
+    strided = dict(scene)
+    for name in ("means", "quats", "scales", "colors", "opacities"):
+        wide = torch.full((2 * len(scene[name]), *scene[name].shape[1:]), 7.0)
+        wide[::2] = scene[name]
+        strided[name] = wide[::2]
+    strided["viewmat"] = scene["viewmat"].t().contiguous().t()
+    strided["means"] = scene["means"].t().contiguous().t()
+    a, b = differentiate(scene, backend), differentiate(strided, backend)
+    torch.testing.assert_close(a[0].channels, b[0].channels, rtol=0, atol=1e-5)
+    for name in LEAVES:
+        torch.testing.assert_close(a[1][name], b[1][name], rtol=1e-4, atol=1e-4)
+
+
 def test_alpha_just_below_the_clamp_has_its_gradient_and_above_has_none(fast):
     for opacity, clamped in ((0.9895, False), (0.98999, False), (0.9901, True), (1.0, True)):
         # Centred on the pixel centre (WIDTH / 2, HEIGHT / 2), where alpha is the opacity itself.

@@ -1,5 +1,8 @@
 """Skinning and dual-quaternion blending: rigid-motion laws, hard rotations, numpy = torch, gradients."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -103,6 +106,27 @@ def test_moving_the_whole_target_frame_rigidly_moves_the_result():
     np.testing.assert_allclose(gt, t, atol=1e-12)
 
 
+def test_one_neighbour_gives_its_own_motion():
+    s = make()
+    s["weights"] = np.eye(4)[np.zeros(40, int)]
+    q, t = motion(s, 5.0, strength=np.ones(40))
+    f, first = 4, s["neighbours"][:, 0]
+    then = pose.invert(s["quat"][s["reference"], first], s["xyz"][s["reference"], first])
+    expected_q, expected_t = pose.compose(s["quat"][f, first], s["xyz"][f, first], *then)
+    assert angle_between(q, expected_q).max() < 1e-6
+    np.testing.assert_allclose(t, expected_t, atol=1e-12)
+
+
+def test_signs_of_stored_quaternions_do_not_matter():
+    s = make()
+    flips = np.random.default_rng(1).choice([-1.0, 1.0], s["quat"].shape[:2])[..., None]
+    for time in (1.0, 2.7, 9.5):
+        q, t = motion(s, time)
+        fq, ft = motion(s, time, quat=s["quat"] * flips)
+        assert angle_between(q, fq).max() < 1e-5
+        np.testing.assert_allclose(t, ft, atol=1e-9)
+
+
 @pytest.mark.parametrize("spread", [0.0, 10.0, 60.0])
 def test_neighbours_around_any_rotation_blend_to_the_middle(spread):
     """Two neighbours at angle -+ spread/2, for every whole degree: also across 180, where signs would cancel."""
@@ -152,6 +176,18 @@ def test_strength_fades_to_rest_along_the_short_way():
     np.testing.assert_allclose(angles, [50, 25, 0], atol=1e-6)
     np.testing.assert_allclose(t[[0, 2]], [[1, 0, 0], [0, 0, 0]], atol=1e-12)
     assert 0 < np.linalg.norm(t[1]) < 1
+
+
+def test_local_storage_follows_the_attach_node():
+    """Oracle 9: moving an attach node rigidly at the reference time moves its Gaussians rigidly."""
+    rng = np.random.default_rng(0)
+    node = quaternion.normalize(rng.normal(size=4)), rng.normal(size=3)
+    local = quaternion.normalize(rng.normal(size=(7, 4))), rng.normal(size=(7, 3))
+    g = turned([1, 0, 2], 33.0), np.array([0.1, 0.2, 0.3])
+    moved = pose.compose(*pose.compose(*g, *node), *local)
+    expected = pose.compose(*g, *pose.compose(*node, *local))
+    np.testing.assert_allclose(moved[1], expected[1], atol=1e-12)
+    assert angle_between(moved[0], expected[0]).max() < 1e-6
 
 
 # ---- time ------------------------------------------------------------------------------------------------------------
@@ -311,3 +347,13 @@ def test_no_gaussians_and_lone_nodes():
         np.zeros((0, 8), np.float32), np.zeros((0, 3), int), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
     )
     assert q.shape == (0, 4) and t.shape == (0, 3)
+
+
+def test_deformation_needs_numpy_alone():
+    code = (
+        "import sys\n"
+        "for name in ('torch', 'scipy', 'cv2'): sys.modules[name] = None\n"
+        "import f4x_core.scaffold.skinning, f4x_core.scaffold.deformation, f4x_core.scaffold.radius\n"
+        "import f4x_core.scaffold.distance, f4x_core.scaffold.graph, f4x_core.scaffold.selection, f4x_core.scaffold.control\n"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

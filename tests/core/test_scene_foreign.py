@@ -12,6 +12,7 @@ from random_scene import random_scene
 
 from f4x_core.cli import main
 from f4x_core.errors import F4xError
+from f4x_core.geometry.camera import CameraPath
 from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.foreign import notes_of, open_any
 from f4x_core.scene.formats import export
@@ -179,11 +180,24 @@ def test_checkpoints_are_no_animation(tmp_path, numbers, words):
     assert len(open_any(tmp_path / f"point_cloud_{numbers[-1]:04d}.ply").static) == numbers[-1] % 7 + 1
 
 
+def test_no_splats_of_any_kind_open(tmp_path):
+    nothing = random_scene(static=1, dynamic=0).static.take(slice(0, 0))
+    (tmp_path / "a.spz").write_bytes(pack_spz(nothing))
+    assert len(open_any(tmp_path / "a.spz").static) == 0
+
+
 @pytest.mark.parametrize("name", ["a.ply", "a.spz", "a.gltf", "a.glb", "a.splat", "a.f4x"])
 def test_an_empty_file_is_one_sentence(tmp_path, name):
     (tmp_path / name).write_bytes(b"")
     with pytest.raises(F4xError, match=rf"{name}: empty"):
         open_any(tmp_path / name)
+
+
+@pytest.mark.parametrize("read", [read_scene, CameraPath.read])
+def test_an_empty_file_is_one_sentence_where_one_kind_is_wanted(tmp_path, read):
+    (tmp_path / "a").write_bytes(b"")
+    with pytest.raises(F4xError, match="/a"):
+        read(tmp_path / "a")
 
 
 # ----------------------------------------------------------------------------------------------------------------- glTF

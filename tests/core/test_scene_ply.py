@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from random_scene import random_scene
 
 from f4x_core.errors import F4xError
@@ -200,6 +202,22 @@ def test_says_what_the_file_is(tmp_path, words):
     with pytest.raises(F4xError, match=words) as caught:
         read_ply(path)
     assert str(caught.value).startswith(str(path))
+
+
+@settings(max_examples=300, deadline=2000, derandomize=True)
+@given(share=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255), cut_at=st.floats(0.3, 1.3))
+def test_damaged_files_read_or_say_so(tmp_path_factory, share, value, cut_at):
+    path = tmp_path_factory.getbasetemp() / "fuzz.ply"
+    write_ply(path, splats(3, 0))
+    data = bytearray(path.read_bytes())
+    data[int(share * len(data))] = value
+    path.write_bytes(data[: int(cut_at * len(data))])
+    try:
+        read = read_ply(path)
+    except F4xError as error:
+        assert str(error).startswith(str(path))
+    else:
+        assert all(np.isfinite(value).all() for value in read.arrays().values())
 
 
 def test_a_world_axes_viewer_sees_what_we_see(tmp_path):
