@@ -156,9 +156,8 @@ class RateConfig:
     """Dynamic Gaussians: their appearance is learnt to the end, as their motion is."""
     dw: float = 5e-3
     """Skinning offsets of Eq. 1."""
-    lifetimes: float = 2.5e-3
-    """Logarithms of the times that moving Gaussians are there; 0: all are there always, as in the papers. Twice as much shows the
-    given frames of a dancer no better where there are close-ups, and loses .1 dB of those between (breakdance)."""
+    lifetimes: float = 5e-3
+    """Logarithms of the times that moving Gaussians are there; 0: all are there always, as in the papers."""
     node_xyz: Rate = (2.5e-4, 5e-6)
     """Node positions."""
     node_quat: Rate = (5e-4, 1e-5)
@@ -252,15 +251,15 @@ class FitConfig:
     """Source of the largest numbers of Gaussians: the settings, or the grant that they were scaled to, for example --memory 2."""
     own_counts: tuple[str, ...] = ()
     """The largest numbers that were set by hand and that `counts_from` left as they were."""
-    steps: int = 2700
-    """Steps of the joint photometric stage, for clips of up to `USUAL_FRAMES` frames (`for_frames`). With two thirds of them dog
-    and horsejump-high lose .2 dB of the given frames and nothing between them, camel .5 dB of both: what stands still gains."""
+    steps: int = 3600
+    """Steps of the joint photometric stage, for clips of up to `USUAL_FRAMES` frames (`for_frames`). Half as many with a close-up
+    each sharpen the horse of horsejump-high by 1 dB, and lose .5 and .7 dB of camel's and car-shadow's frames held out."""
     coarse: float = 0.1
     """Fraction of the steps done at half resolution."""
-    closeups: int = 1
+    closeups: int = 0
     """Steps of dynamic Gaussians and nodes alone after each of the others, each on the window around what moves in another
     frame. Of a fast mover a frame has few Gaussians of its own, and each frame is drawn a dozen times in a short fit. A second one
-    sharpens what moves in the given frames by 1 dB, brings nothing between them, and costs a third of the time."""
+    in `quick` sharpens what moves in the given frames by 1 dB, brings nothing between them, and costs a third of the time."""
     priors: PriorsConfig = field(default_factory=PriorsConfig)
     """Providers of the priors."""
     scaffold: ScaffoldConfig = field(default_factory=ScaffoldConfig)
@@ -362,6 +361,10 @@ def _quick() -> FitConfig:
         name="quick",
         steps=800,
         coarse=0.15,
+        closeups=1,
+        # Lifetimes that learn twice as fast show the given frames of a dancer no better, and lose .1 dB of those between
+        # (breakdance).
+        rates=RateConfig(lifetimes=0.0025),
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
         scaffold=ScaffoldConfig(geometry_steps=150),
         # Half as many static Gaussians to begin with as there will be: where one is missing is known after some steps, and few are
@@ -379,7 +382,6 @@ def _quick() -> FitConfig:
 def _nvidia() -> FitConfig:
     return FitConfig(
         name="nvidia",
-        closeups=0,
         rates=RateConfig(lifetimes=0),
         steps=8000,
         max_sh_degree=3,
@@ -393,7 +395,6 @@ def _nvidia() -> FitConfig:
 def _dycheck() -> FitConfig:
     return FitConfig(
         name="dycheck",
-        closeups=0,
         rates=RateConfig(lifetimes=0),
         steps=8000,
         max_sh_degree=3,
@@ -406,7 +407,6 @@ def _dycheck() -> FitConfig:
 def _f4x_davis() -> FitConfig:
     return FitConfig(
         name="f4x_davis",
-        closeups=0,
         rates=RateConfig(lifetimes=0),
         steps=5000,
         shifts=(2, 4),
