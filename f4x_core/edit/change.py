@@ -244,8 +244,11 @@ class Change(Record):
         """Return this operation with distances and sizes that are in widths of the thing times `factor`."""
         return self
 
-    def remark(self, scene: Scene) -> str:
-        """Return a sentence on an effect that a person may not expect; empty where there is none."""
+    def remark(self, scene: Scene, rows: np.ndarray) -> str:
+        """Return a sentence on an effect that a person may not expect; empty where there is none.
+
+        `rows`: those of the scene's Gaussians that are selected.
+        """
         return ""
 
     # How it is said

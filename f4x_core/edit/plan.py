@@ -228,7 +228,7 @@ def _idle(scene: Scene, operations: tuple[Change, ...]) -> Iterator[str]:
             yield f"{describe(operation)}: that stands still already, so nothing changes."
         elif _is_hidden(scene, operation):
             yield f"{describe(operation)}: that is hidden by an earlier edit, so it is not seen; show it again, or take that back."
-        elif remark := operation.remark(scene):
+        elif remark := operation.remark(scene, rows_of(scene, operation.select)):
             yield remark
         scene = with_operations(scene, operation)
 

@@ -161,12 +161,20 @@ what is the dog riding? | does the dog eat the cat? | when does the dog eat? | i
     into the wall? | does the man look at the dog? | is there a dog that barks? | which dog barks? | what does the car
     look like | how heavy is the dog | how often does the dog jump | does the dog jump over the bush | is the man on
     the horse | is the dog in the car | who moves before the dog | does the dog come back | is the dog as fast as the
-    man | does nothing move? | are there more than two dogs? | where will the train be in ten seconds? | is she happy
+    man | does nothing move? | where will the train be in ten seconds? | is she happy
     do you think | does the dog swim away? | is it bigger than? | is the tree bigger | how many times does the dog
     jump | what time is it | left of the dog? |
     what does the dog see | who drives the car? | who rides the horse | is the dog closest to the camera? | how fast is the
     fastest car
 """
+
+
+@pytest.mark.parametrize(
+    ("question", "least"),
+    [("are there more than two dogs?", 3), ("are there at least two dogs?", 2), ("how many dogs?", 0)],
+)
+def test_a_number_asked_about_is_the_least_for_a_yes(question, least):
+    assert read_question(question, FPS, FRAMES)[0] == Asked("count", ("dogs",), polar=least > 0, at_least=least)
 
 
 @pytest.mark.parametrize("question", " ".join(_entries(REFUSED)).split(" | "))

@@ -302,7 +302,7 @@ def test_who_is_not_there_is_said_in_one_sentence(count, text, reason):
         ("the woman's hand", "men from women"),
         ("person 2", "People are counted from left to right at frame 0."),
         ("people", ""),
-        ("head", ""),
+        ("heads", ""),
     ],
 )
 def test_a_remark_goes_with_the_selection_the_plan_and_the_answer(word, remark):

@@ -95,11 +95,9 @@ class Duplicate(Placing):
     def copy_motion(self, copy: np.ndarray) -> np.ndarray | None:
         return copy[:, None] * np.array(self.offset) if any(self.offset) else None
 
-    def remark(self, scene: Scene) -> str:
+    def remark(self, scene: Scene, rows: np.ndarray) -> str:
         """Say so where copies lie outside the picture whenever the thing itself is in it."""
-        from ..resolve import rows_of
-
-        rows, copies = rows_of(scene, self.select), np.arange(self.count + 1)
+        copies = np.arange(self.count + 1)
         seen = np.zeros(len(copies), bool)
         for time in scene.cameras.times[evenly_spaced(len(scene.cameras), MOMENTS)]:
             posed, camera = scene.posed(float(time)), scene.cameras.at(float(time))

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from ...errors import F4xError
 from ...language.lexicon import PLACES, word_set
 from ...language.refusal import Refusal
@@ -166,7 +168,7 @@ class Retime(Retiming):
                 later = replace(later, frames=(self.frames[1], None))
         return super().followed_by(later)
 
-    def remark(self, scene: Scene) -> str:
+    def remark(self, scene: Scene, rows: np.ndarray) -> str:
         """Say so where the clip ends before all of it is shown."""
         first, last = (float(time) for time in scene.cameras.times[[0, -1]])
         shown = self.time_map((first, last))(last)
