@@ -106,9 +106,10 @@ def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, f
     for name, index in rows.names.items():
         stack = stack.append(Name(Ids.of(np.intersect1d(rows.ids[index], folded.ids)), name))
     taken = len(stack)
-    whole = edited(with_stack(scene, EditStack(active)))
-    before = {step.edit.id: step.before for step in getattr(whole, "steps", ())}
-    later = [replace(edit, operation=_spelt(edit, before.get(edit.id, rows))) for edit in active[count:]]
+    later = []
+    for place in range(count, len(active)):
+        before = edited(with_stack(scene, EditStack(active[:place])))
+        later.append(replace(active[place], operation=_spelt(active[place], getattr(before, "rows", rows))))
     return EditStack((*stack.edits, *(replace(edit, id=taken + i) for i, edit in enumerate(later, 1))))
 
 

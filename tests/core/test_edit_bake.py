@@ -134,6 +134,9 @@ def test_what_was_hidden_comes_back_behind_an_edit_that_cannot_be_folded():
 @settings(max_examples=25, deadline=None)
 @given(stacks)
 @example([Transform(All(), scale=0.5), Blur(All(), 0.125)])
+@example(
+    [Duplicate(All(), (0, 0, 0), time_shift=-1.5), Name(M, "dog"), Recolour(Named("dog"), (0, 0, 0), strength=0.125)]
+)
 def test_random_stacks(listed):
     edits = base_of(with_operations(SCENE, *listed))
     focal = float(SCENE.cameras.intrinsics[0, 0, 0])
