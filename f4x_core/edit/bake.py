@@ -30,7 +30,7 @@ from .keys import with_keys_folded
 from .operations import Delete, Name
 from .records import mapped
 from .selects import Ids, Moving
-from .splat_rows import SplatRows
+from .splat_rows import SplatRows, steps_of
 from .stack import Edit, EditStack, of, with_stack
 from .state import NO_MOTION, Motion
 
@@ -106,10 +106,10 @@ def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, f
     for name, index in rows.names.items():
         stack = stack.append(Name(Ids.of(np.intersect1d(rows.ids[index], folded.ids)), name))
     taken = len(stack)
-    later = []
-    for place in range(count, len(active)):
-        before = edited(with_stack(scene, EditStack(active[:place])))
-        later.append(replace(active[place], operation=_spelt(active[place], getattr(before, "rows", rows))))
+    later = [
+        replace(edit, operation=_spelt(edit, steps_of(scene, active[:place])[1]))
+        for place, edit in enumerate(active[count:], count)
+    ]
     return EditStack((*stack.edits, *(replace(edit, id=taken + i) for i, edit in enumerate(later, 1))))
 
 

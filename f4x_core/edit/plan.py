@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..language.grammar import read_as_meant
@@ -223,22 +225,22 @@ def _idle(scene: Scene, operations: tuple[Change, ...]) -> Iterator[str]:
     """Yield a sentence about each operation that changes nothing, is not seen, or may do other than expected."""
     clip = (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
     for operation in operations:
-        retimes = operation.time_map(clip) is not None
-        if retimes and not scene.fades and not scene.moving[rows_of(scene, operation.select)].any():
+        retimes, rows = operation.time_map(clip) is not None, rows_of(scene, operation.select)
+        if retimes and not scene.fades and not scene.moving[rows].any():
             yield f"{describe(operation)}: that stands still already, so nothing changes."
-        elif _is_hidden(scene, operation):
+        elif _is_hidden(scene, operation, rows):
             yield f"{describe(operation)}: that is hidden by an earlier edit, so it is not seen; show it again, or take that back."
-        elif remark := operation.remark(scene, rows_of(scene, operation.select)):
+        elif remark := operation.remark(scene, rows):
             yield remark
         scene = with_operations(scene, operation)
 
 
-def _is_hidden(scene: Scene, operation: Change) -> bool:
-    """Return True for a change of what earlier edits hide at all times that it is for."""
+def _is_hidden(scene: Scene, operation: Change, rows: np.ndarray) -> bool:
+    """Return True for a change of what earlier edits hide, the Gaussians `rows`, at all times that it is for."""
     seen_in_place = operation.SEEN != "nowhere" and not (operation.removes or operation.brings_back)
     if not seen_in_place or not any(edit.operation.hides for edit in of(scene).in_effect):
         return False
-    rows, times = rows_of(scene, operation.select), scene.cameras.times
+    times = scene.cameras.times
     first, last = operation.span or (None, None)
     during = times[(times >= (times[0] if first is None else first)) & (times <= (times[-1] if last is None else last))]
     looked_at = during[evenly_spaced(len(during), MOMENTS)]

@@ -25,7 +25,7 @@ class Similarity:
     """(4,) unit wxyz of R."""
     scale: float
     pivot: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,)"""
+    """(3,) point about which it turns and scales; of fitted ones the mean of the points before."""
 
     @property
     def rotation_degrees(self) -> np.ndarray:

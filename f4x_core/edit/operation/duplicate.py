@@ -97,17 +97,19 @@ class Duplicate(Placing):
 
     def remark(self, scene: Scene, rows: np.ndarray) -> str:
         """Say so where copies lie outside the picture whenever the thing itself is in it."""
+        if not any(self.offset):
+            return ""
         copies = np.arange(self.count + 1)
         seen = np.zeros(len(copies), bool)
         for time in scene.cameras.times[evenly_spaced(len(scene.cameras), MOMENTS)]:
             posed, camera = scene.posed(float(time)), scene.cameras.at(float(time))
             shown = rows[posed.opacities[rows] >= VISIBLE]
-            if any(self.offset) and len(shown):
+            if len(shown):
                 centers = np.median(posed.means[shown], 0) + copies[:, None] * np.array(self.offset)
                 pixels, depth = camera.project(centers)
                 seen |= (depth > 0) & ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
         outside = int((~seen[1:]).sum())
-        if not any(self.offset) or not seen[0] or not outside:
+        if not seen[0] or not outside:
             return ""
         are = f"{outside} of {self.count} copies lie" if self.count > 1 else "the copy lies"
         return f"copy {whom_with(self)}: {are} outside the picture all the time; say a shorter way, such as 'half a width'."
